@@ -1,0 +1,1 @@
+"""Recording protocol, corpus readers and batch measurement."""

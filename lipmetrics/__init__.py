@@ -1,0 +1,1 @@
+"""Measure how mouths open in video."""

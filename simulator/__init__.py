@@ -1,0 +1,1 @@
+"""Sticky-lips finite element simulator: the source of ground-truth mouth videos."""

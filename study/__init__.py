@@ -1,0 +1,1 @@
+"""Perceptual A/B studies: design, serving, export and analysis."""
