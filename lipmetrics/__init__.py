@@ -1,1 +1,26 @@
 """Measure how mouths open in video."""
+
+import importlib
+
+_HOME = {
+    "InputError": "errors",
+    "Profile": "profile",
+    "find_openings": "still",
+    "load_profile": "profile",
+    "measure": "pipeline",
+    "opening_mask": "still",
+}
+__all__ = sorted(_HOME)
+
+
+def __getattr__(name: str):
+    """Load a public name when it is first used: `lipmetrics --help` needs none of them."""
+    if name not in _HOME:
+        raise AttributeError(f"module 'lipmetrics' has no attribute '{name}'")
+    value = getattr(importlib.import_module(f"lipmetrics.{_HOME[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return [*globals(), *__all__]

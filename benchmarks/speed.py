@@ -1,0 +1,225 @@
+"""How fast a method is, on one core. Prints the speed tables of RESULTS.md.
+
+    python benchmarks/speed.py --methods default thesis --write
+
+- find and measure: time of finding the mouth in a decoded frame and measuring its openings, conversion to RGB included,
+  decoding not; median over the frames after the first, and the first frame by itself;
+- measure against decoding: ``lipmetrics.measure`` of a whole 1080p file over reading every frame of it with PyAV and
+  doing nothing with them, the two in turn, as the ratio of medians;
+- settings: run time against error, from which the defaults are chosen.
+
+The process is bound to one core, so that no library helps itself to more, and times are this core's time spent on it,
+which other work on the machine disturbs least. Ratios within a run mean more than times.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import os
+import statistics
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from fractions import Fraction
+from pathlib import Path
+
+import accuracy
+import av
+import cv2
+import numpy as np
+import pandas as pd
+import reference
+from results import markdown, write_section
+
+from lipmetrics.detect import make_detector
+from lipmetrics.frames import open_frames
+from lipmetrics.openings import measure_outline
+from lipmetrics.pipeline import measure
+
+SMALL_CLIPS = ("grid_bbaf2n", "grid_lbax4n", "grid_sbia1a")  # 360 x 288 as they are
+LARGE_CLIP, LARGE_CLIP_S = "st_aoc", 8  # 512 x 512, 25 frames per s; enlarged to 1080p
+REPEATS = 3
+
+# Settings to compare, by method: name -> (changes to the method's own settings, measure every n-th frame).
+AS_IT_COMES = {"as it comes": ({}, 1), "every 2nd frame": ({}, 2), "every 3rd frame": ({}, 3)}
+VARIANTS: dict[str, dict[str, tuple[dict[str, object], int]]] = {
+    "default": AS_IT_COMES,  # to come, once its settings have names: region scale, size of the median filter
+    "thesis": AS_IT_COMES
+    | {f"median filter of {size} px": ({"median_px": size}, 1) for size in (1, 3, 9)}
+    | {f"correlated by {name!r}": ({"correlation": name}, 1) for name in ("and", "mean")},
+}
+VARIANT_CLIPS = ("lp_d0", "lp_d18", "st_menendez", "mt_trump", "lia_driving2", "grid_pwij3p", "sty_vscode", "vox_00473")
+
+
+def one_core() -> None:
+    """Keep this process, with every thread it will start, on one core."""
+    cv2.setNumThreads(1)
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+
+
+def enlarge(source: Path, target: Path, height: int = 1080, width: int = 1920, rate: int = 25) -> None:
+    """A copy of a video scaled to ``height`` rows and set in the middle of a grey picture ``width`` wide, H.264."""
+    with av.open(str(source)) as old, av.open(str(target), "w") as new:
+        stream = new.add_stream("libx264", rate=rate, options={"preset": "veryfast", "crf": "20"})
+        stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
+        for number, frame in enumerate(old.decode(video=0)):
+            inner = round(frame.width * height / frame.height)
+            left = (width - inner) // 2
+            picture = np.full((height, width, 3), 128, np.uint8)
+            scaled = cv2.resize(frame.to_ndarray(format="rgb24"), (inner, height), interpolation=cv2.INTER_CUBIC)
+            picture[:, max(left, 0) : max(left, 0) + inner] = scaled[:, max(-left, 0) : max(-left, 0) + width]
+            large = av.VideoFrame.from_ndarray(picture, format="rgb24")
+            large.pts, large.time_base = number, Fraction(1, rate)
+            new.mux(stream.encode(large))
+        new.mux(stream.encode(None))
+
+
+def frame_times_ms(path: Path, method: str, settings: object = None) -> np.ndarray:
+    """Time of finding and measuring in each frame of a clip, decoding left out, ms."""
+    times = []
+    with open_frames(path) as frames:
+        detector = make_detector(method, settings, frames.info)
+        for frame in frames:
+            began = time.thread_time()
+            for outline in detector.look(frame).outlines:
+                measure_outline(outline)
+            times.append(1000 * (time.thread_time() - began))
+    return np.array(times)
+
+
+def decode(path: Path) -> None:
+    """Read every frame and do nothing with it."""
+    with av.open(str(path)) as container:
+        container.streams.video[0].thread_type = "AUTO"
+        for _ in container.decode(video=0):
+            pass
+
+
+def in_turn_s(works: dict[str, Callable[[], object]], repeats: int = REPEATS) -> dict[str, float]:
+    """Median time of each work, s; they are taken in turn so that a slow spell of the machine hits them all."""
+    times = {name: [] for name in works}
+    for _ in range(repeats):
+        for name, work in works.items():
+            began = time.process_time()
+            work()
+            times[name].append(time.process_time() - began)
+    return {name: statistics.median(each) for name, each in times.items()}
+
+
+def find_and_measure(methods: list[str], clips: dict[str, list[Path]]) -> pd.DataFrame:
+    """Rows: method and size; columns: ms in a frame after the first, and in the first frame."""
+    rows = {}
+    for method in methods:
+        frame_times_ms(clips["360x288"][0], method)  # compiles
+        for size, paths in clips.items():
+            times = [frame_times_ms(path, method) for path in paths for _ in range(2)]
+            later = np.concatenate([each[1:] for each in times])
+            rows[f"{method}, {size}"] = {
+                "median, ms": np.median(later),
+                "mean, ms": later.mean(),
+                "95th percentile, ms": np.percentile(later, 95),
+                "first frame, ms": np.median([each[0] for each in times]),
+            }
+    return pd.DataFrame(rows).T.rename_axis("method, size")
+
+
+def measure_against_decoding(methods: list[str], path: Path) -> pd.DataFrame:
+    """Rows: decoding with PyAV, reading with the package, ``measure``; columns: s, and times decoding."""
+
+    def read() -> None:
+        with open_frames(path) as frames:
+            for _ in frames:
+                pass
+
+    works = {"decoding (PyAV)": lambda: decode(path), "reading (lipmetrics)": read}
+    works |= {f"measure, {method}": lambda method=method: measure(path, method=method) for method in methods}
+    times = in_turn_s(works)
+    base = times["decoding (PyAV)"]
+    return pd.DataFrame(
+        {"s": times, "times decoding": {name: each / base for name, each in times.items()}}
+    ).rename_axis("1080p clip")
+
+
+def settings_table(method: str, clips: dict[str, list[Path]]) -> pd.DataFrame:
+    """Run time against error over the method's VARIANTS, on the part for tuning."""
+    with open_frames(clips["360x288"][0]) as frames:
+        own = make_detector(method, None, frames.info).settings
+    rows = {}
+    for name, (changes, every) in VARIANTS.get(method, AS_IT_COMES).items():
+        settings = dataclasses.replace(own, **changes)
+        rows[name] = _cost(method, settings, every, clips) | _error(method, settings, every)
+    return pd.DataFrame(rows).T.rename_axis("settings")
+
+
+def _cost(method: str, settings: object, every: int, clips: dict[str, list[Path]]) -> dict[str, float]:
+    def later_ms(path: Path) -> float:
+        return float(np.median(frame_times_ms(path, method, settings)[1:])) / every
+
+    return {f"{size}, ms per frame of the clip": np.median([later_ms(path) for path in clips[size]]) for size in clips}
+
+
+def _error(method: str, settings: object, every: int) -> dict[str, float]:
+    stills = accuracy.table(accuracy.evaluate_stills(accuracy.still_looks(method, settings), "tune"))
+    frames = accuracy.evaluate_videos(accuracy.clip_looks(method, settings), "tune", VARIANT_CLIPS)
+    video = accuracy.video_summary(accuracy.clip_scores(thin_out(frames, every)))
+    one = accuracy.summary(stills)
+    return {
+        "stills: IoU": one["iou_median"],
+        "stills: height error, %": one["height_error_pct"],
+        "stills: wrong open or closed": one["false_open"] + one["missed"],
+        "videos: correlation": video["correlation_median"],
+        "videos: agreement, %": video["agreement_pct"],
+        "videos: jitter where still, %": video["jitter_still_pct"],
+    }
+
+
+def thin_out(frames: pd.DataFrame, every: int) -> pd.DataFrame:
+    """The profile as if only every n-th frame had been measured: heights between are on straight lines."""
+    if every == 1:
+        return frames
+
+    def fill_in(rows: pd.DataFrame) -> pd.Series:
+        known = rows["height_px"].where(rows["frame"] % every == 0).notna()
+        if not known.any():
+            return rows["height_px"] * np.nan
+        heights = np.interp(rows["frame"], rows.loc[known, "frame"], rows.loc[known, "height_px"])
+        return pd.Series(heights, rows.index)
+
+    parts = [fill_in(rows) for _, rows in frames.groupby("clip", sort=False)]
+    return frames.assign(height_px=pd.concat(parts))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--methods", nargs="+", default=["default", "thesis"])
+    parser.add_argument("--no-settings", action="store_true", help="leave the table of settings out")
+    parser.add_argument("--write", action="store_true", help="put the tables into RESULTS.md")
+    options = parser.parse_args()
+    if reference.reference_folder() is None:
+        parser.error("expected the reference data in LIPMETRICS_REFERENCE or ../shared/reference, found none")
+
+    one_core()
+    with tempfile.TemporaryDirectory() as folder:
+        large = Path(folder) / "large.mp4"
+        enlarge(reference.video_file(LARGE_CLIP), large)
+        clips = {"360x288": [reference.video_file(clip) for clip in SMALL_CLIPS], "1920x1080": [large]}
+        text = "## Speed\n\nOne core. MediaPipe takes 3.6 ms (360x288) to 5.1 ms (1080p) per frame, dlib 11 to 188 ms\n"
+        text += "(the reference data's account, another machine).\n\n### Finding and measuring, decoding left out\n\n"
+        text += markdown(find_and_measure(options.methods, clips))
+        rate = 8 * large.stat().st_size / 1e6 / LARGE_CLIP_S
+        text += f"\n### The whole of `measure` against decoding ({LARGE_CLIP_S} s of 1080p at {rate:.1f} Mbit/s)\n\n"
+        text += markdown(measure_against_decoding(options.methods, large))
+        if not options.no_settings:
+            for method in options.methods:
+                text += f"\n### Settings of {method}: run time against error\n\n"
+                text += markdown(settings_table(method, clips), 3)
+    print(text)
+    if options.write:
+        write_section("speed", text)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

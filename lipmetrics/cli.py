@@ -1,0 +1,349 @@
+"""The command `lipmetrics`: one small function per verb, everything heavy imported when a verb needs it.
+
+Exit codes: 0 done, 2 bad arguments or input, 3 some items of a batch failed, 130 stopped by Ctrl-C.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import sys
+from collections import Counter
+from pathlib import Path
+
+from lipmetrics.errors import InputError
+
+DONE, BAD_INPUT, SOME_FAILED, STOPPED = 0, 2, 3, 130
+VIDEO_ENDINGS = {
+    ".avi",
+    ".m4v",
+    ".mkv",
+    ".mov",
+    ".mp4",
+    ".mpeg",
+    ".mpg",
+    ".webm",
+    ".wmv",
+    ".mts",
+    ".m2ts",
+    ".ts",
+    ".ogv",
+}
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run one command line; returns the exit code."""
+    try:
+        arguments = _parser().parse_args(argv)
+        return arguments.run(arguments)
+    except InputError as error:
+        _complain(str(error))
+        return BAD_INPUT
+    except (MemoryError, OSError) as error:
+        _complain(_sentence(error))
+        return BAD_INPUT
+    except KeyboardInterrupt:
+        _complain("stopped; what was finished before is kept")
+        return STOPPED
+
+
+def run_measure(arguments: argparse.Namespace) -> int:
+    """`lipmetrics measure`: every clip to its tables, provenance and pictures; goes past clips that fail."""
+    folder = Path(arguments.out)
+    _prepare(folder)
+    sources = find_clips(arguments.videos)
+    clips, failed = [], []
+    for source, stem in zip(sources, unique_stems(sources), strict=True):
+        try:
+            clips.append(_measure_one(source, stem, folder, arguments))
+        except Exception as error:
+            if len(sources) == 1 and not isinstance(error, InputError | OSError | MemoryError):
+                raise  # a fault of ours: show where
+            failed.append({"source": source, "error": _sentence(error)})
+            _complain(f"{source}: {_sentence(error)}" if len(sources) > 1 else _sentence(error))
+    if arguments.json:
+        _say_json({"command": "measure", "clips": clips, "failed": failed})
+    elif len(sources) > 1:
+        _say(f"{len(clips)} of {len(sources)} clips measured")
+    if not failed:
+        return DONE
+    return SOME_FAILED if clips else BAD_INPUT
+
+
+def _measure_one(source: str, stem: str, folder: Path, arguments: argparse.Namespace) -> dict:
+    from lipmetrics.pipeline import measure
+
+    if not arguments.overwrite:
+        _refuse_to_replace_another(folder / f"{stem}.json", Path(source).name)
+    reading = {
+        "fps": arguments.fps,
+        "timestamps": arguments.timestamps,
+        "start_s": arguments.start,
+        "stop_s": arguments.stop,
+        "every": arguments.every,
+    }
+    profile = measure(
+        source,
+        method=arguments.method,
+        roi=arguments.roi,
+        mouth_width_px=arguments.mouth_width,
+        keep_outlines=arguments.overlay or arguments.sheet,
+        progress=sys.stderr.isatty(),
+        **reading,
+    )
+    files = profile.save(folder, stem)
+    warnings = list(profile.meta["warnings"])
+    if arguments.plot:
+        from lipmetrics.plot import plot_profile
+
+        files.append(folder / f"{stem}.plot.png")
+        plot_profile(profile, files[-1])
+    if arguments.overlay:
+        from lipmetrics.overlay import write_overlay
+
+        files.append(folder / f"{stem}.overlay.mp4")
+        warnings += write_overlay(source, profile, files[-1], **reading) or []
+    if arguments.sheet:
+        from lipmetrics.sheet import write_sheet
+
+        files.append(folder / f"{stem}.sheet.png")
+        write_sheet(source, profile, files[-1], fps=arguments.fps, timestamps=arguments.timestamps)
+    for warning in warnings:
+        _complain(f"{profile.meta['file']}: warning: {warning}")
+    statuses = Counter(profile.frames["status"])
+    summary = {
+        "source": source,
+        "files": [str(path) for path in files],
+        "frames": len(profile.frames),
+        **{status: statuses[status] for status in ("open", "closed", "no_mouth")},
+        "mouth_width_px": profile.meta["mouth_width_px"],
+        "warnings": warnings,
+    }
+    if not arguments.json:
+        counts = f"{summary['open']} open, {summary['closed']} closed, {summary['no_mouth']} without a mouth"
+        _say(f"{profile.meta['file']}: {summary['frames']} frames, {counts} -> {files[0]}")
+    return summary
+
+
+def run_demo(arguments: argparse.Namespace) -> int:
+    """`lipmetrics demo`: draw a mouth whose openings are known, measure the video, compare."""
+    from lipmetrics.demo import demo
+
+    folder = Path(arguments.out)
+    _prepare(folder)
+    report = demo(folder, method=arguments.method, progress=sys.stderr.isatty())
+    if arguments.json:
+        _say_json({"command": "demo", **report})
+    else:
+        _say("\n".join(report["text"]))
+    return DONE
+
+
+def find_clips(inputs: list[str]) -> list[str]:
+    """The clips that the inputs name: the videos of a folder in order of name, everything else as it stands.
+
+    A folder without videos stands for itself, an image sequence.
+    """
+    clips = []
+    for given in inputs:
+        videos = []
+        if os.path.isdir(given):
+            names = sorted(name for name in os.listdir(given) if not name.startswith("."))
+            videos = [os.path.join(given, name) for name in names if Path(name).suffix.lower() in VIDEO_ENDINGS]
+        clips += videos or [given]
+    return list(dict.fromkeys(clips))
+
+
+def unique_stems(sources: list[str]) -> list[str]:
+    """Names for the output files, all different: the clip's name without its ending where that is enough.
+
+    Where it is not, the ending is added (`grid_mp4`, `grid_mpg`), then the folder (`anna_grid`), then a number.
+    """
+
+    def plain(source: str) -> str:
+        path = Path(source)
+        if any(mark in path.name for mark in "*?["):  # a pattern of pictures goes by its folder
+            path = path.parent
+        return (path.resolve().name if path.is_dir() else path.stem) or "clip"
+
+    def with_ending(source: str) -> str:
+        return plain(source) + Path(source).suffix.lower().replace(".", "_")
+
+    def with_folder(source: str) -> str:
+        return f"{Path(source).resolve().parent.name}_{plain(source)}"
+
+    names = [plain(source) for source in sources]
+    for longer in (with_ending, with_folder):
+        count = Counter(name.lower() for name in names)  # some file systems do not tell Grid from grid
+        names = [longer(s) if count[name.lower()] > 1 else name for s, name in zip(sources, names, strict=True)]
+    seen: Counter[str] = Counter()
+    for i, name in enumerate(names):
+        seen[name.lower()] += 1
+        if seen[name.lower()] > 1:
+            names[i] = f"{name}_{seen[name.lower()]}"
+    return names
+
+
+def _prepare(folder: Path) -> None:
+    """Find out before the work, not after it, that nothing can be written."""
+    probe = folder / f".lipmetrics.{os.getpid()}.part"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        reason = error.strerror or error
+        raise InputError(f"expected an output folder to write to, got {folder}: {reason}; choose another -o") from None
+
+
+def _refuse_to_replace_another(path: Path, name: str) -> None:
+    """Two clips of one name, measured one after the other into one folder, must not replace each other unseen."""
+    try:
+        there = json.loads(path.read_text(encoding="utf-8"))["file"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return
+    if there != name:
+        raise InputError(f"{path} is the profile of another clip, {there}; choose another -o or give --overwrite")
+
+
+def _sentence(error: Exception) -> str:
+    """One line for any error."""
+    if isinstance(error, MemoryError):
+        return "ran out of memory; close other programs or measure a part of the picture with --roi"
+    text = " ".join(str(error).split()) or type(error).__name__
+    return text if isinstance(error, InputError | OSError) else f"unexpected {type(error).__name__}: {text}"
+
+
+def _complain(text: str) -> None:
+    print(f"lipmetrics: {text}", file=sys.stderr)
+
+
+def _say(text: str) -> None:
+    """Print a result; once nobody reads on, the work goes on in silence."""
+    try:
+        print(text, flush=True)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _say_json(summary: dict) -> None:
+    from lipmetrics.profile import without_nan
+
+    _say(json.dumps(without_nan(summary), indent=2, ensure_ascii=False))
+
+
+class _Parser(argparse.ArgumentParser):
+    """Says what is wrong in one line instead of a page of usage."""
+
+    def error(self, message: str):
+        self.exit(BAD_INPUT, f"{self.prog}: {message}; see '{self.prog} --help'\n")
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(prog="lipmetrics", description="Measure how mouths open in video.")
+    parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
+    verbs = parser.add_subparsers(title="commands", required=True, metavar="COMMAND", parser_class=_Parser)
+    _add_measure(verbs)
+    _add_demo(verbs)
+    return parser
+
+
+def _add_measure(verbs) -> None:
+    verb = _add_verb(
+        verbs,
+        "measure",
+        run_measure,
+        "videos, folders of videos or image sequences to tables, provenance and pictures",
+        "lipmetrics measure recordings/ -o out --overlay --plot",
+    )
+    verb.add_argument(
+        "videos", nargs="+", metavar="VIDEO", help="video, folder of videos, or folder or pattern of pictures"
+    )
+    verb.add_argument("-o", "--out", required=True, metavar="DIR", help="folder for the results, made if needed")
+    verb.add_argument("--method", default="default", help="default, or thesis for the published baseline")
+    verb.add_argument("--overlay", action="store_true", help="also write a video with outlines and numbers drawn in")
+    verb.add_argument("--plot", action="store_true", help="also draw width, height, area and count over time")
+    verb.add_argument("--sheet", action="store_true", help="also write a contact sheet of the least certain frames")
+    verb.add_argument("--start", type=_seconds, metavar="S", help="measure from this time on, s")
+    verb.add_argument("--stop", type=_seconds, metavar="S", help="measure up to this time, s")
+    verb.add_argument("--every", type=_count, default=1, metavar="N", help="measure every N-th frame only")
+    verb.add_argument("--roi", type=_region, metavar="X,Y,W,H", help="look into this part of the picture only, px")
+    verb.add_argument("--mouth-width", type=_above_zero, metavar="PX", help="width of the mouth at rest, if known")
+    verb.add_argument("--fps", type=_above_zero, help="frames per second of an image sequence")
+    verb.add_argument("--timestamps", metavar="FILE", help="times of an image sequence in s, one per line")
+    verb.add_argument("--overwrite", action="store_true", help="replace results of another clip of the same name")
+
+
+def _add_demo(verbs) -> None:
+    verb = _add_verb(
+        verbs,
+        "demo",
+        run_demo,
+        "draw a mouth whose openings are known, measure the video and compare",
+        "lipmetrics demo -o demo",
+    )
+    verb.add_argument("-o", "--out", default="lipmetrics-demo", metavar="DIR", help="folder for clip and report")
+    verb.add_argument("--method", default="default", help="default, or thesis for the published baseline")
+
+
+def _add_verb(verbs, name: str, run, what: str, example: str) -> argparse.ArgumentParser:
+    verb = verbs.add_parser(name, help=what, description=what[0].upper() + what[1:] + ".", epilog=f"example: {example}")
+    verb.add_argument("--json", action="store_true", help="print one machine-readable summary on stdout")
+    verb.set_defaults(run=run)
+    return verb
+
+
+class _Version(argparse.Action):
+    """`--version`, looked up only when asked for."""
+
+    def __call__(self, parser, namespace, values, option_string=None):
+        from importlib.metadata import version
+
+        _say(f"lipmetrics {version('lipmetrics')}")
+        parser.exit()
+
+
+def _number(text: str, what: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"expected {what}, got '{text}'")
+    return value
+
+
+def _seconds(text: str) -> float:
+    return _number(text, "a time in seconds such as 1.5")
+
+
+def _above_zero(text: str) -> float:
+    value = _number(text, "a number above 0")
+    if value <= 0:
+        raise argparse.ArgumentTypeError(f"expected a number above 0, got '{text}'")
+    return value
+
+
+def _count(text: str) -> int:
+    if not text.isascii() or not text.isdigit() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"expected a whole number of at least 1, got '{text}'")
+    return int(text)
+
+
+def _region(text: str) -> tuple[int, int, int, int]:
+    """X,Y,W,H of the command line to (row0, row1, col0, col1), half open."""
+    try:
+        x, y, width, height = (int(part) for part in text.split(","))
+    except ValueError:
+        x = y = width = height = -1
+    if min(x, y) < 0 or min(width, height) < 1:
+        raise argparse.ArgumentTypeError(
+            f"expected X,Y,W,H in whole px (left, top, width, height) such as 100,200,160,120, got '{text}'"
+        )
+    return y, y + height, x, x + width
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,79 @@
+"""Pixel classifier: oblivious boosted trees on differences of blurred, locally normalised colour maps.
+
+Every node of a tree level asks the same question of every pixel - is map[c] at one offset, or its difference to
+the same map at a second offset, above a threshold? - so a level is a comparison of whole rows, which the compiler
+turns into vector instructions; the answers make an index into the leaf table.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba as nb
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Forest:
+    """questions : (T, D, 6) int32 of (map, row offset, col offset, second row offset, second col offset, threshold);
+        with `single` (T, D) True the second offset is not used
+    leaves : (T, 2**D, K) float32, additive log-odds of K outputs
+    bias : (K,) float32
+    """
+
+    questions: np.ndarray
+    single: np.ndarray
+    leaves: np.ndarray
+    bias: np.ndarray
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _grow(maps, row0, row1, col0, col1, questions, single, leaves, bias, out):
+    n_trees, depth = questions.shape[0], questions.shape[1]
+    width = col1 - col0
+    index = np.empty(width, np.uint8)
+    for r in range(row0, row1):
+        for k in range(bias.size):
+            for j in range(width):
+                out[k, r - row0, j] = bias[k]
+        for t in range(n_trees):
+            for j in range(width):
+                index[j] = 0
+            for d in range(depth):
+                c, dy, dx, ey, ex, threshold = questions[t, d]
+                bit = np.uint8(1 << d)
+                first = maps[c, r + dy, col0 + dx : col1 + dx]
+                if single[t, d]:
+                    limit = np.uint8(min(max(threshold, 0), 255))
+                    for j in range(width):
+                        index[j] |= bit if first[j] > limit else np.uint8(0)
+                else:
+                    second = maps[c, r + ey, col0 + ex : col1 + ex]
+                    limit16 = np.int16(threshold)
+                    for j in range(width):
+                        index[j] |= bit if np.int16(np.int16(first[j]) - np.int16(second[j])) > limit16 else np.uint8(0)
+            for k in range(bias.size):
+                table = leaves[t, :, k]
+                for j in range(width):
+                    out[k, r - row0, j] += table[index[j]]
+
+
+def log_odds(forest: Forest, maps: np.ndarray, pad: int, rows: tuple[int, int], cols: tuple[int, int]) -> np.ndarray:
+    """Log-odds (K, rows, cols) float32 of the outputs at the pixels rows x cols.
+
+    maps : (C, H + 2 pad, W + 2 pad) uint8, padded by at least the largest offset
+    """
+    out = np.empty((forest.bias.size, rows[1] - rows[0], cols[1] - cols[0]), np.float32)
+    _grow(
+        maps,
+        rows[0] + pad,
+        rows[1] + pad,
+        cols[0] + pad,
+        cols[1] + pad,
+        forest.questions,
+        forest.single,
+        forest.leaves,
+        forest.bias,
+        out,
+    )
+    return out
