@@ -76,7 +76,7 @@ def _measure_one(source: str, stem: str, folder: Path, arguments: argparse.Names
     from lipmetrics.pipeline import measure
 
     if not arguments.overwrite:
-        _refuse_to_replace_another(folder / f"{stem}.json", Path(source).name)
+        _refuse_to_replace_another(folder / f"{stem}.json", Path(source).absolute().name)
     reading = {
         "fps": arguments.fps,
         "timestamps": arguments.timestamps,

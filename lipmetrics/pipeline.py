@@ -11,18 +11,22 @@ from dataclasses import asdict, is_dataclass
 from importlib.metadata import version
 from pathlib import Path
 
+import av
+import cv2
+import numba
 import numpy as np
+import pandas as pd
 
 from lipmetrics.detect import make_detector
 from lipmetrics.errors import InputError
-from lipmetrics.frames import Frame, VideoInfo, open_frames
+from lipmetrics.frames import Frame, FrameSource, open_frames
 from lipmetrics.frames import _pictures_of as pictures_of
 from lipmetrics.look import NO_MOUTH, OPEN, Look
 from lipmetrics.openings import Identities, measure_outline
 from lipmetrics.profile import FORMAT, RATE_FORMULA, Profile, frame_row, opening_row, resting_mouth_width, tables
 
 # whose version can change a number in the tables
-_PACKAGES = ("lipmetrics", "av", "numba", "numpy", "opencv-python-headless", "pandas")
+_PACKAGES = (av, cv2, numba, np, pd)
 
 
 def measure(
@@ -79,35 +83,40 @@ def measure(
             if on_look:
                 on_look(frame, look)
 
-    warnings = list(frames.warnings)
+    warnings, how = list(frames.warnings), "given"
     if mouth_width_px is None:
         status, height_px = [row[2] for row in frame_rows], np.array([row[5] for row in frame_rows], float)
         mouth_width_px, how = resting_mouth_width(status, height_px, np.array(lip_width_px))
         if math.isnan(mouth_width_px):
             warnings.append("the mouth's width was not found, so sizes are in px only; give it with --mouth-width")
-    else:
-        how = "given"
-    choices = {"start_s": start_s, "stop_s": stop_s, "every": every, "fps": fps}
-    choices["roi"] = roi and dict(zip(("row0", "row1", "col0", "col1"), roi, strict=True))
-    if timestamps is not None:
-        is_file = isinstance(timestamps, str | os.PathLike)
-        choices["timestamps"] = _file_facts([Path(timestamps)]) if is_file else "given as numbers"
-    in_use = getattr(detector, "settings", settings)
-    meta = {
-        "format": FORMAT,
-        "file": Path(source).name,
-        "source": _file_facts([Path(source)] if frames.info.kind == "video" else pictures_of(Path(source))),
-        "video": _video_facts(frames.info) | {"variable_frame_rate": frames.variable_frame_rate},
-        "method": method,
-        "settings": asdict(in_use) if is_dataclass(in_use) else in_use,
-        "choices": choices,
-        "mouth_width_px": float(mouth_width_px),
-        "mouth_width_found": how,
-        "rates": RATE_FORMULA,
-        "warnings": warnings,
-        "versions": {"python": platform.python_version()} | {name: version(name) for name in _PACKAGES},
-    }
+    choices = {"start_s": start_s, "stop_s": stop_s, "every": every, "fps": fps, "timestamps": timestamps, "roi": roi}
+    meta = _provenance(source, frames, method, getattr(detector, "settings", settings), choices)
+    meta |= {"mouth_width_px": float(mouth_width_px), "mouth_width_found": how, "warnings": warnings}
     return Profile(*tables(frame_rows, opening_rows, mouth_width_px), meta, outlines, corners)
+
+
+def _provenance(source: str | Path, frames: FrameSource, method: str, settings, choices: dict) -> dict:
+    """What a reader needs to get the same numbers again; no time of day and no folder, so the same bytes too."""
+    video = asdict(frames.info) | {"variable_frame_rate": frames.variable_frame_rate}
+    del video["path"]
+    if choices["roi"] is not None:
+        choices["roi"] = dict(zip(("row0", "row1", "col0", "col1"), choices["roi"], strict=True))
+    if isinstance(choices["timestamps"], str | os.PathLike):
+        choices["timestamps"] = _file_facts([Path(choices["timestamps"])])
+    elif choices["timestamps"] is not None:
+        choices["timestamps"] = "given as numbers"
+    return {
+        "format": FORMAT,
+        "file": Path(source).absolute().name,
+        "source": _file_facts([Path(source)] if frames.info.kind == "video" else pictures_of(Path(source))),
+        "video": video,
+        "method": method,
+        "settings": asdict(settings) if is_dataclass(settings) else settings,
+        "choices": choices,
+        "rates": RATE_FORMULA,
+        "versions": {"lipmetrics": version("lipmetrics"), "python": platform.python_version()}
+        | {package.__name__: package.__version__ for package in _PACKAGES},
+    }
 
 
 def _with_progress(frames, start_s: float | None, stop_s: float | None, every: int):
@@ -130,9 +139,3 @@ def _file_facts(paths: list[Path]) -> dict:
                 size += len(block)
     facts = {"name": paths[0].name} if len(paths) == 1 else {"first": paths[0].name, "files": len(paths)}
     return facts | {"bytes": size, "sha256": digest.hexdigest()}
-
-
-def _video_facts(info: VideoInfo) -> dict:
-    facts = asdict(info)
-    del facts["path"]  # where a file lies must not change the bytes written
-    return facts

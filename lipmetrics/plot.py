@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 # Formats whose files hold no date, so that the same profile gives the same bytes.
-_NO_DATE = {".png": {}, ".pdf": {"CreationDate": None}, ".svg": {"Date": None}}
+_NO_DATE = {".png": {"Software": None}, ".pdf": {"CreationDate": None}, ".svg": {"Date": None}}
 _COLOURS = {"width": "#0072b2", "height": "#d55e00", "area": "#009e73", "openings": "#333333"}
 _SPANS = {CLOSED: ("closed", {"color": "#e3e7ec"}), NO_MOUTH: ("no mouth found", {"color": "#f6d5d0"})}
 _TOTAL_LINE = {"linewidth": 0.8, "linestyle": (0, (4, 2))}
