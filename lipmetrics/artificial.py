@@ -55,13 +55,23 @@ class Face:
     corner_dark: float = 0.3
     light: tuple[float, float] = (0.1, 0.1)  # brightness change per mouth width along x and y
     side_shadow: tuple[float, float, float] = (0.0, 0.0, 0.2)  # strength, place, softness
-    below_lip: float = 0.15  # shadow under the lower lip
+    below_lip: tuple[float, float, float] = (
+        0.15,
+        0.06,
+        0.45,
+    )  # shadow under the lower lip: strength, height, half length
+    chin_light: tuple[float, float] = (0.05, 0.35)  # the chin catches light: strength, distance below the lip
+    philtrum: tuple[float, float] = (0.0, 0.2)  # soft shadow above the upper lip: strength, half width
+    shadow_red: float = 0.1  # skin is redder in the shade: light scatters inside it
     upper_dark: float = 0.12
     upper_tint: float = 1.0  # upper lip colour against the lower's
     bulge: tuple[float, float] = (0.15, 0.3)  # the lower lip is lighter in its middle: strength, half length
     seam_shade: float = 0.25  # the upper lip darkens towards the seam
-    gloss: tuple[float, float, float] = (0.0, 0.1, 0.05)  # strength, length, height of highlights
+    gloss: tuple[float, float, float, float] = (0.0, 0.1, 0.05, 0.4)  # highlights: strength, length, height, place
+    streaks: float = 0.6  # how far the lip's creases break the highlights up
+    rim: tuple[float, float, float] = (1.0, 1.0, 0.02)  # wet inner edge: brightness, redness, width
     creases: float = 0.04
+    lip_mottle: float = 0.04  # colour that comes and goes over the lips
     folds: float = 0.15
     fold_width: float = 0.06
     nose_y: float = -0.62
@@ -98,8 +108,13 @@ class Camera:
 
 @dataclass(frozen=True)
 class Drawing:
-    """picture (H, W, 3) uint8; lip, opening and lower (H, W) float32, the share of each pixel that is lip (both
-    lips and the opening together), that is opening, and that is lower lip; corners (2, 2) (row, column) of the mouth corners."""
+    """A drawn picture and its truth.
+
+    picture : (H, W, 3) uint8 RGB
+    lip, opening, lower : (H, W) float32, the share of each pixel that is lip (both lips and the opening together), that
+        is opening, and that is lower lip
+    corners : (2, 2) (row, column) of the mouth's corners
+    """
 
     picture: np.ndarray
     lip: np.ndarray
@@ -119,7 +134,8 @@ def lip_curves(shape: Shape, x: np.ndarray) -> tuple[np.ndarray, ...]:
 
     Outside the corners all four meet."""
     half = shape.width / 2
-    u = np.clip(x / half * (1 + shape.yaw * x / half), -1, 1)
+    v = np.clip(x / half, -1, 1)
+    u = v + shape.yaw * (v**2 - 1)  # the middle moves sideways, the corners stay
     seam = (
         -shape.smile * u**2
         + shape.skew * u
@@ -238,10 +254,22 @@ def _skin(face, x, y, ou, ol, full, scale, rng):
     picture *= np.stack([1 + 0 * tint, 1 - tint, 1 - tint], -1)
     # folds from the nose to outside the corners, philtrum, shadow below the lower lip
     fold_x = 0.40 + 0.34 * np.clip(y + 0.6, 0, 1.2) ** 0.7 + 0.03 * np.sin(5 * y)
-    shade = face.folds * np.exp(-(((np.abs(x) - fold_x) / face.fold_width) ** 2)) * _step(y + 0.6, 0.3) * _step(0.4 - y, 0.4)
+    shade = (
+        face.folds
+        * np.exp(-(((np.abs(x) - fold_x) / face.fold_width) ** 2))
+        * _step(y + 0.6, 0.3)
+        * _step(0.4 - y, 0.4)
+    )
     shade += 0.4 * face.folds * np.exp(-((x / 0.05) ** 2)) * _step(y - face.nose_y, 0.1) * (y < 0)
     gap = np.clip(y - ol, 0, None)
-    shade += face.below_lip * np.exp(-(((gap - 0.06) / 0.06) ** 2)) * np.clip(1 - (x / 0.45) ** 2, 0, 1) * (y > ol)
+    strength, height, length = face.below_lip
+    shade += (
+        strength * np.exp(-(((gap - 0.6 * height) / height) ** 2)) * np.clip(1 - (x / length) ** 2, 0, 1) * (y > ol)
+    )
+    strength, distance = face.chin_light
+    shade -= strength * np.exp(-(((gap - distance) / 0.14) ** 2) - (x / 0.3) ** 2) * (y > ol)
+    strength, breadth = face.philtrum
+    shade += strength * np.exp(-((x / breadth) ** 2)) * _step(y - face.nose_y - 0.05, 0.15) * (y < ou)
     # nose: tip lighter, wings and nostrils darker
     nose = np.exp(-((x / (0.5 * face.nose_width)) ** 4)) * _step(face.nose_y + 0.05 - y, 0.12)
     picture *= (1 + 0.06 * nose)[..., None]
@@ -250,22 +278,33 @@ def _skin(face, x, y, ou, ol, full, scale, rng):
     strength, length, sideways = face.nose_shadow
     if strength > 0:
         drop = y - face.nose_y
-        cast = np.exp(-(((x - sideways * drop) / (0.4 * face.nose_width)) ** 4)) * _step(drop, 0.05) * _step(length - drop, 0.06)
+        cast = (
+            np.exp(-(((x - sideways * drop) / (0.4 * face.nose_width)) ** 4))
+            * _step(drop, 0.05)
+            * _step(length - drop, 0.25)
+        )
         shade += strength * cast
     for bx, by, rx, ry, tone in face.blots:
         shade += tone * _step(1 - np.hypot((x - bx) / rx, (y - by) / ry), 0.5)
-    holes = np.exp(-(((np.abs(x) - 0.23 * face.nose_width) / 0.09) ** 2 + ((y - face.nose_y + 0.02) / 0.055) ** 2) ** 2)
+    holes = np.exp(
+        -((((np.abs(x) - 0.23 * face.nose_width) / 0.09) ** 2 + ((y - face.nose_y + 0.02) / 0.055) ** 2) ** 2)
+    )
     shade += face.nostril * holes
-    picture *= np.clip(1 - shade, 0.05, 1.2)[..., None]
+    lit = np.clip(1 - shade, 0.05, 1.25)[..., None]
+    picture *= lit ** np.array([1, 1 + face.shadow_red, 1 + 1.3 * face.shadow_red], np.float32)
     hair = np.asarray(face.hair, np.float32)
     if face.stubble or face.moustache or face.beard:
         around = _step(y - face.nose_y - 0.15, 0.15) * np.clip(1.5 - np.abs(x), 0, 1)
         bare_chin = np.exp(-(((y - ol - 0.09) / 0.07) ** 2) - (x / 0.3) ** 2)
         speckle = np.clip(0.5 + 0.7 * _noise(rng, full, max(1.5, 0.018 * scale)), 0, 1)
         picture = _blend(picture, hair, face.stubble * around * speckle * (1 - 0.5 * bare_chin))
-        strands = cv2.blur(rng.standard_normal(full).astype(np.float32), (max(1, int(0.012 * scale)), max(3, int(0.09 * scale))))
+        strands = cv2.blur(
+            rng.standard_normal(full).astype(np.float32), (max(1, int(0.012 * scale)), max(3, int(0.09 * scale)))
+        )
         strands = 1 + 0.35 * strands / max(strands.std(), 1e-6)
-        above = _step(ou + 0.05 - y, 0.06) * _step(y - face.nose_y - 0.12, 0.12) * _step(0.75 - np.abs(x) + 0.3 * y, 0.2)
+        above = (
+            _step(ou + 0.05 - y, 0.06) * _step(y - face.nose_y - 0.12, 0.12) * _step(0.75 - np.abs(x) + 0.3 * y, 0.2)
+        )
         below = _step(np.hypot(x / 0.95, (y - 0.1) / 0.75) - 0.72, 0.25) * _step(y + 0.25, 0.3)
         below = np.maximum(below, _step(y - ol - 0.12, 0.1) * _step(0.5 - np.abs(x), 0.3))
         growth = np.maximum(face.moustache * above, face.beard * below * _step(y - ol, 0.05))
@@ -273,7 +312,7 @@ def _skin(face, x, y, ou, ol, full, scale, rng):
         picture = picture + growth[..., None] * (hair * strands[..., None] - picture)
     # jaw, neck and what is behind
     edge = face.jaw_width / 2 * np.sqrt(np.clip(1 - np.clip((y + 0.3) / (face.chin_y + 0.3), 0, 1) ** 2.4, 0, 1)) + 1e-3
-    off = _step(np.abs(x) - edge, 0.05)
+    off = np.maximum(_step(np.abs(x) - edge, 0.05), _step(y - face.chin_y, 0.02))
     behind = np.asarray(face.background, np.float32) * (1 + 0.25 * _noise(rng, full, 0.35 * scale))[..., None]
     throat = picture * face.neck * (1 - face.jaw_shadow * np.exp(-(np.abs(off - 1) / 0.5)))[..., None]
     picture = picture * (1 - face.jaw_shadow * np.exp(-np.clip(edge - np.abs(x), 0, None) / 0.12))[..., None]
@@ -294,23 +333,32 @@ def _lip_colour(face, x, y, ou, iu, il, ol, full, scale, rng):
     lines = rng.standard_normal(full[1]).astype(np.float32)
     lines = np.convolve(lines, np.ones(max(1, int(0.02 * scale))) / np.sqrt(max(1, int(0.02 * scale))), "same")
     tone = tone * (1 + face.creases * (lines[None, :] + 0.5 * _noise(rng, full, 0.05 * scale)))
-    colour = lip * tone[..., None]
-    strength, length, height = face.gloss
+    tint = face.lip_mottle * _noise(rng, full, 0.07 * scale)
+    colour = lip * tone[..., None] * np.stack([1 + 0.3 * tint, 1 - tint, 1 - 0.7 * tint], -1)
+    bright, red, rim_width = face.rim
+    at_rim = np.exp(-(np.minimum(np.abs(y - iu), np.abs(y - il)) / rim_width))
+    colour = colour * (1 + at_rim[..., None] * (np.array([bright, bright * red, bright * red], np.float32) - 1))
+    strength, length, height, place = face.gloss
     if strength > 0:
-        patch = np.exp(-((x - 0.05) / (2 * length)) ** 4 - ((low - 0.4) / (8 * height)) ** 2) * (upper < 0.5)
-        patch += 0.5 * np.exp(-((np.abs(x) - 0.12) / length) ** 2 - ((up - 0.35) / (6 * height)) ** 2) * (upper > 0.5)
-        patch *= np.clip(0.6 + 0.6 * _noise(rng, full, 0.05 * scale), 0, 1)
+        patch = np.exp(-(((x - 0.05) / (2 * length)) ** 4) - ((low - place) / (8 * height)) ** 2) * (upper < 0.5)
+        patch += 0.5 * np.exp(-(((np.abs(x) - 0.12) / length) ** 2) - ((up - 0.35) / (6 * height)) ** 2) * (upper > 0.5)
+        broken = 0.6 + 0.4 * lines[None, :] + 0.4 * _noise(rng, full, 0.05 * scale)
+        patch *= np.clip(1 + face.streaks * (broken - 1), 0, 1)
         colour = colour + (strength * patch)[..., None] * (1 - colour)
     return colour
 
 
 def _mouth_colour(face, x, y, iu, il, full, scale, rng):
     depth = np.clip(np.minimum(y - iu, il - y) / 0.08, 0, 1)
-    colour = np.asarray(face.cavity, np.float32) * (1.4 - 0.6 * depth + 0.15 * _noise(rng, full, 0.1 * scale))[..., None]
+    colour = (
+        np.asarray(face.cavity, np.float32) * (1.4 - 0.6 * depth + 0.15 * _noise(rng, full, 0.1 * scale))[..., None]
+    )
     if face.tongue_height > 0:
         top = il - face.tongue_height * np.clip(1 - (x / 0.42) ** 2, 0, 1) ** 0.6
         groove = 1 - 0.15 * np.exp(-((x / 0.03) ** 2)) + 0.06 * _noise(rng, full, 0.06 * scale)
-        tongue = np.asarray(face.tongue, np.float32) * (groove * (0.7 + 0.3 * np.clip((y - top) / 0.12, 0, 1)))[..., None]
+        tongue = (
+            np.asarray(face.tongue, np.float32) * (groove * (0.7 + 0.3 * np.clip((y - top) / 0.12, 0, 1)))[..., None]
+        )
         colour = _blend(colour, tongue, _step(y - top, 0.02) * _step(0.42 - np.abs(x), 0.04))
     reach = 0.44 * face.shape.width
     for upper in (True, False):
@@ -354,7 +402,7 @@ def photograph(picture: np.ndarray, camera: Camera, rng: np.random.Generator) ->
     out = out + camera.noise * rng.standard_normal(out.shape).astype(np.float32)
     out = np.clip(255 * out + 0.5, 0, 255).astype(np.uint8)
     if camera.jpeg < 100:
-        ok, code = cv2.imencode(".jpg", out[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, camera.jpeg])
+        _, code = cv2.imencode(".jpg", out[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, camera.jpeg])
         out = cv2.imdecode(code, cv2.IMREAD_COLOR)[..., ::-1]
     if camera.coarse < 1:
         out = cv2.resize(out, (width, height), interpolation=cv2.INTER_LINEAR)
@@ -364,7 +412,7 @@ def photograph(picture: np.ndarray, camera: Camera, rng: np.random.Generator) ->
 def random_shape(rng: np.random.Generator, closed: bool | None = None) -> Shape:
     """A mouth shape: closed with the given truth value, or in a quarter of the cases."""
     closed = rng.random() < 0.25 if closed is None else closed
-    upper, lower = rng.uniform(0.03, 0.17), rng.uniform(0.06, 0.24)
+    upper, lower = rng.uniform(0.06, 0.18), rng.uniform(0.1, 0.26)
     if rng.random() < 0.1:
         upper, lower = rng.uniform(0.01, 0.05), rng.uniform(0.02, 0.07)
     smile = rng.normal(0.04, 0.07)
@@ -412,7 +460,7 @@ def random_shape(rng: np.random.Generator, closed: bool | None = None) -> Shape:
         tubercle=rng.uniform(-0.01, 0.04),
         wobble=tuple(rng.normal(0, (0.006, 0.004, 0.002))),
         glued=glued,
-        yaw=rng.normal(0, 0.12),
+        yaw=float(np.clip(rng.normal(0, 0.12), -0.35, 0.35)),
     )
 
 
@@ -426,26 +474,26 @@ def random_face(rng: np.random.Generator, closed: bool | None = None) -> Face:
     skin = np.array([np.interp(tone, range(5), _SKINS[:, c]) for c in range(3)]) * rng.normal(1, 0.05, 3)
     ruddy = rng.uniform(0, 1)
     lip = skin * (
-        rng.uniform(0.75, 1.02),
-        rng.uniform(0.62, 0.92) - 0.12 * ruddy,
-        rng.uniform(0.65, 0.98) - 0.1 * ruddy,
+        rng.uniform(0.76, 1.0),
+        rng.uniform(0.66, 0.84) - 0.14 * ruddy,
+        rng.uniform(0.7, 0.95) - 0.14 * ruddy,
     )
     if rng.random() < 0.2:  # lipstick
         lip = np.array([rng.uniform(0.45, 0.9), rng.uniform(0.08, 0.4), rng.uniform(0.12, 0.5)])
     gap = sum(shape.gap)
-    teeth_shown = rng.random() < (0.9 if 0.1 < gap < 0.35 else 0.65)
+    teeth_shown = rng.random() < (0.92 if 0.1 < gap < 0.35 else 0.75)
     lower_shown = rng.random() < 0.3
     bearded = rng.random()
     cavity = rng.uniform(0.01, 0.16) * np.array([1, rng.uniform(0.4, 0.9), rng.uniform(0.4, 0.9)])
-    gloss = (rng.uniform(0.1, 0.7), rng.uniform(0.03, 0.15), rng.uniform(0.01, 0.05))
-    teeth = np.array([0.92, rng.uniform(0.84, 0.91), rng.uniform(0.66, 0.9)]) * rng.uniform(0.4, 1.05)
+    gloss = (rng.uniform(0.05, 0.6), rng.uniform(0.03, 0.25), rng.uniform(0.01, 0.07), rng.uniform(0.1, 0.65))
+    teeth = np.array([0.92, rng.uniform(0.84, 0.91), rng.uniform(0.66, 0.9)]) * rng.uniform(0.5, 1.08)
     return Face(
         shape=shape,
         skin=tuple(np.clip(skin, 0.03, 1)),
         lip=tuple(np.clip(lip, 0.02, 1)),
-        lower_gain=rng.uniform(0.95, 1.25 + 0.08 * tone),
-        lip_edge=rng.uniform(0.005, 0.07),
-        teeth=tuple(np.clip(teeth + rng.uniform(0, 0.45) * (skin * teeth.mean() - teeth), 0, 1)),
+        lower_gain=rng.uniform(0.9, 1.15 + 0.08 * tone),
+        lip_edge=rng.uniform(0.005, 0.1),
+        teeth=tuple(np.clip(teeth + rng.uniform(0, 0.35) * (skin * teeth.mean() - teeth), 0, 1)),
         tongue=tuple(np.array([0.75, rng.uniform(0.32, 0.5), rng.uniform(0.33, 0.5)]) * rng.uniform(0.5, 1.05)),
         cavity=tuple(cavity),
         upper_teeth=(rng.uniform(0.4, 1.7) * gap if gap < 0.25 else rng.uniform(0.03, 0.22)) if teeth_shown else 0.0,
@@ -453,25 +501,43 @@ def random_face(rng: np.random.Generator, closed: bool | None = None) -> Face:
         tongue_height=rng.uniform(0.15, 1.15) * gap if rng.random() < (0.12 if gap < 0.12 else 0.4) else 0.0,
         gums=rng.uniform(0.005, 0.05) if rng.random() < 0.12 else 0.0,
         tooth_width=rng.uniform(0.09, 0.14),
-        seam=(rng.uniform(0.1, 0.85), rng.uniform(0.006, 0.03)) if rng.random() < 0.8 else (rng.uniform(0.1, 0.5), 0.05),
+        seam=(rng.uniform(0.1, 0.85), rng.uniform(0.006, 0.03))
+        if rng.random() < 0.8
+        else (rng.uniform(0.1, 0.5), 0.05),
         corner_dark=rng.uniform(0, 0.6),
         light=(rng.normal(0, 0.15), rng.normal(-0.05, 0.12)),
-        side_shadow=(rng.uniform(0.2, 0.75), rng.uniform(-0.8, 0.8), rng.uniform(0.2, 1.0)) if rng.random() < 0.12 else (0, 0, 1),
-        below_lip=rng.uniform(0, 0.4),
-        upper_dark=rng.uniform(-0.05, 0.4),
-        upper_tint=rng.uniform(0.55, 1.0) if tone > 2.5 else rng.uniform(0.8, 1.05),
+        side_shadow=(rng.uniform(0.2, 0.75), rng.uniform(-0.8, 0.8), rng.uniform(0.2, 1.0))
+        if rng.random() < 0.12
+        else (0, 0, 1),
+        below_lip=(rng.uniform(0, 0.65), rng.uniform(0.04, 0.16), rng.uniform(0.25, 0.7)),
+        chin_light=(rng.uniform(0, 0.4), rng.uniform(0.15, 0.5)),
+        philtrum=(rng.uniform(0, 0.35), rng.uniform(0.08, 0.45)),
+        shadow_red=rng.uniform(-0.05, 0.4),
+        upper_dark=rng.uniform(-0.1, 0.3),
+        upper_tint=rng.uniform(0.6, 1.0) if tone > 2.5 else rng.uniform(0.88, 1.05),
         bulge=(rng.uniform(0, 0.5), rng.uniform(0.12, 0.5)),
-        seam_shade=rng.uniform(-0.1, 0.5),
-        gloss=gloss if rng.random() < 0.6 else (0, 0.1, 0.05),
-        creases=rng.uniform(0, 0.09),
+        seam_shade=rng.uniform(-0.1, 0.35),
+        gloss=gloss if rng.random() < 0.7 else (0, 0.1, 0.05, 0.4),
+        streaks=rng.uniform(0.2, 1.3),
+        rim=(rng.uniform(0.75, 1.15), rng.uniform(0.75, 1.05), rng.uniform(0.01, 0.04)),
+        creases=rng.uniform(0, 0.1),
+        lip_mottle=rng.uniform(0, 0.14),
         folds=rng.uniform(-0.1, 0.35),
         fold_width=rng.uniform(0.03, 0.15),
         nose_y=-rng.uniform(0.42, 0.85),
         nostril=rng.uniform(0.1, 0.9),
-        nose_shadow=(rng.uniform(0.05, 0.45), rng.uniform(0.1, 0.5), rng.normal(0, 0.4)) if rng.random() < 0.4 else (0, 0, 0),
+        nose_shadow=(rng.uniform(0.05, 0.45), rng.uniform(0.1, 0.5), rng.normal(0, 0.4))
+        if rng.random() < 0.4
+        else (0, 0, 0),
         jaw_shadow=rng.uniform(0, 0.6),
         blots=tuple(
-            (rng.normal(0, 0.6), rng.normal(0, 0.6), rng.uniform(0.02, 0.4), rng.uniform(0.02, 0.25), rng.normal(0, 0.12))
+            (
+                rng.normal(0, 0.6),
+                rng.normal(0, 0.6),
+                rng.uniform(0.02, 0.4),
+                rng.uniform(0.02, 0.25),
+                rng.normal(0, 0.12),
+            )
             for _ in range(rng.integers(0, 5))
         ),
         nose_width=rng.uniform(0.5, 0.85),

@@ -27,6 +27,25 @@ class Forest:
     bias: np.ndarray
 
 
+def save_forests(path, forests: dict[str, Forest]) -> None:
+    """Write named forests into one compressed npz file."""
+    parts = {}
+    for name, forest in forests.items():
+        parts[f"{name}_questions"] = forest.questions.astype(np.int16)
+        parts[f"{name}_single"] = forest.single
+        parts[f"{name}_leaves"] = forest.leaves.astype(np.float32)
+        parts[f"{name}_bias"] = forest.bias
+    np.savez_compressed(path, **parts)
+
+
+def load_forest(file, name: str) -> Forest:
+    """One forest of a file written by :func:`save_forests`."""
+    with np.load(file) as parts:
+        questions = parts[f"{name}_questions"].astype(np.int32)
+        leaves = np.ascontiguousarray(parts[f"{name}_leaves"])
+        return Forest(questions, parts[f"{name}_single"], leaves, parts[f"{name}_bias"])
+
+
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _grow(maps, row0, row1, col0, col1, questions, single, leaves, bias, out):
     n_trees, depth = questions.shape[0], questions.shape[1]
