@@ -65,9 +65,9 @@ SETS = {
     # a mouth that is being followed, one frame later
     "tight": CanvasSet(1, 8000, DRAWN, resize=0.13, move_mw=0.07, turn_rad=0.13, closed=0.25),
     # places the search tries: a mouth of the wrong size, half of one, none
-    "wide": CanvasSet(2, 6000, DRAWN, resize=0.4, move_mw=0.3, turn_rad=0.2, closed=0.25, far=0.2, empty=0.12),
+    "wide": CanvasSet(2, 7000, DRAWN, resize=0.4, move_mw=0.3, turn_rad=0.2, closed=0.25, far=0.2, empty=0.12),
     # the canvas as it lies when the mouth is measured
-    "fine": CanvasSet(3, 10000, CANVAS, resize=0.07, move_mw=0.04, turn_rad=0.06, closed=0.3, far=0.05, empty=0.04),
+    "fine": CanvasSet(3, 11000, CANVAS, resize=0.07, move_mw=0.04, turn_rad=0.06, closed=0.3, far=0.05, empty=0.04),
 }
 
 

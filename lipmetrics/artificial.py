@@ -76,6 +76,8 @@ class Face:
     fold_width: float = 0.06
     nose_y: float = -0.62
     nostril: float = 0.6
+    nose: tuple[float, float, float] = (0.1, 0.05, 0.3)  # shine and redness of its tip, darkness of its creases
+    eyes: float = 1.0  # above the nose
     nose_shadow: tuple[float, float, float] = (0.0, 0.25, 0.0)  # cast on the upper lip: strength, length, sideways
     jaw_shadow: float = 0.2
     blots: tuple[tuple[float, float, float, float, float], ...] = ()  # x, y, radii, tone: shadows, marks, wrinkles
@@ -86,6 +88,7 @@ class Face:
     neck: float = 0.75
     mottle: float = 0.03
     stubble: float = 0.0
+    stubble_grain: float = 1.0  # 0: a shaved beard's even shadow
     moustache: float = 0.0
     beard: float = 0.0
     hair: tuple[float, float, float] = (0.15, 0.11, 0.09)
@@ -293,10 +296,11 @@ def _skin(face, x, y, ou, ol, full, scale, rng):
     lit = np.clip(1 - shade, 0.05, 1.25)[..., None]
     picture *= lit ** np.array([1, 1 + face.shadow_red, 1 + 1.3 * face.shadow_red], np.float32)
     hair = np.asarray(face.hair, np.float32)
+    picture = _nose_and_eyes(face, picture, x, y, hair)
     if face.stubble or face.moustache or face.beard:
         around = _step(y - face.nose_y - 0.15, 0.15) * np.clip(1.5 - np.abs(x), 0, 1)
         bare_chin = np.exp(-(((y - ol - 0.09) / 0.07) ** 2) - (x / 0.3) ** 2)
-        speckle = np.clip(0.5 + 0.7 * _noise(rng, full, max(1.5, 0.018 * scale)), 0, 1)
+        speckle = np.clip(0.5 + 0.7 * face.stubble_grain * _noise(rng, full, max(1.5, 0.018 * scale)), 0, 1)
         picture = _blend(picture, hair, face.stubble * around * speckle * (1 - 0.5 * bare_chin))
         strands = cv2.blur(
             rng.standard_normal(full).astype(np.float32), (max(1, int(0.012 * scale)), max(3, int(0.09 * scale)))
@@ -318,6 +322,32 @@ def _skin(face, x, y, ou, ol, full, scale, rng):
     picture = picture * (1 - face.jaw_shadow * np.exp(-np.clip(edge - np.abs(x), 0, None) / 0.12))[..., None]
     is_neck = _step(0.55 * face.jaw_width / 2 + 0.2 - np.abs(x), 0.1) * (y > face.chin_y * 0.6)
     return _blend(picture, _blend(behind, throat, is_neck), off)
+
+
+def _nose_and_eyes(face, picture, x, y, hair):
+    # the tip of the nose shines and is red, the wings end in a crease, the ridge is lighter than its sides
+    tip = np.exp(-((x / 0.16) ** 2) - ((y - face.nose_y + 0.16) / 0.12) ** 2)
+    wing = np.hypot((np.abs(x) - 0.3 * face.nose_width) / (0.2 * face.nose_width), (y - face.nose_y + 0.1) / 0.15)
+    crease = np.exp(-(((wing - 1) / 0.18) ** 2)) * (np.abs(x) > 0.3 * face.nose_width) * (y < face.nose_y + 0.1)
+    above = _step(face.nose_y - y, 0.1)
+    sides = np.exp(-(((np.abs(x) - 0.32 * face.nose_width) / 0.1) ** 2)) * above
+    shine, red, dark = face.nose
+    picture = picture * (1 + shine * tip - 0.6 * dark * crease - 0.3 * dark * sides)[..., None]
+    picture = picture * np.stack([1 + 0.0 * tip, 1 - red * tip, 1 - red * tip], -1)
+    # far above the mouth: seen only where a search looks in the wrong place
+    eye_y = face.nose_y - face.eyes
+    if y.min() < eye_y + 0.5:
+        u = (np.abs(x) - 0.62) / 0.3
+        lid = 0.13 * np.clip(1 - u**2, 0, None)
+        off = np.abs(y - eye_y) - lid
+        white = np.array([0.85, 0.8, 0.78], np.float32) * (1 - 0.2 * np.clip(u**2, 0, 1))[..., None]
+        iris = _step(0.1 - np.hypot(np.abs(x) - 0.62, y - eye_y), 0.02)
+        eye = _blend(white, 0.6 * hair, iris)
+        picture = _blend(picture, eye, _step(-off, 0.02) * (np.abs(u) < 1))
+        lash = np.exp(-((off / 0.03) ** 2)) * (np.abs(u) < 1.1)
+        brow = np.exp(-(((y - eye_y + 0.36 - 0.1 * u**2) / 0.06) ** 2)) * (np.abs(u) < 1.4)
+        picture = _blend(picture, hair, np.clip(0.7 * lash + 0.8 * brow, 0, 1))
+    return picture
 
 
 def _lip_colour(face, x, y, ou, iu, il, ol, full, scale, rng):
@@ -498,7 +528,7 @@ def random_face(rng: np.random.Generator, closed: bool | None = None) -> Face:
         cavity=tuple(cavity),
         upper_teeth=(rng.uniform(0.4, 1.7) * gap if gap < 0.25 else rng.uniform(0.03, 0.22)) if teeth_shown else 0.0,
         lower_teeth=(rng.uniform(0.1, 0.8) * gap if gap < 0.2 else rng.uniform(0.02, 0.14)) if lower_shown else 0.0,
-        tongue_height=rng.uniform(0.15, 1.15) * gap if rng.random() < (0.12 if gap < 0.12 else 0.4) else 0.0,
+        tongue_height=rng.uniform(0.15, 1.15) * gap if rng.random() < (0.15 if gap < 0.12 else 0.5) else 0.0,
         gums=rng.uniform(0.005, 0.05) if rng.random() < 0.12 else 0.0,
         tooth_width=rng.uniform(0.09, 0.14),
         seam=(rng.uniform(0.1, 0.85), rng.uniform(0.006, 0.03))
@@ -526,6 +556,8 @@ def random_face(rng: np.random.Generator, closed: bool | None = None) -> Face:
         fold_width=rng.uniform(0.03, 0.15),
         nose_y=-rng.uniform(0.42, 0.85),
         nostril=rng.uniform(0.1, 0.9),
+        nose=(rng.uniform(-0.1, 0.4), rng.uniform(-0.03, 0.25), rng.uniform(0, 0.9)),
+        eyes=rng.uniform(0.7, 1.2),
         nose_shadow=(rng.uniform(0.05, 0.45), rng.uniform(0.1, 0.5), rng.normal(0, 0.4))
         if rng.random() < 0.4
         else (0, 0, 0),
@@ -546,7 +578,8 @@ def random_face(rng: np.random.Generator, closed: bool | None = None) -> Face:
         background=tuple(rng.uniform(0.02, 0.95) * rng.uniform(0.6, 1.2, 3)),
         neck=rng.uniform(0.4, 1.0),
         mottle=rng.uniform(0.01, 0.08),
-        stubble=rng.uniform(0.1, 0.45) if bearded < 0.3 else 0.0,
+        stubble=rng.uniform(0.1, 0.5) if bearded < 0.35 else 0.0,
+        stubble_grain=rng.uniform(0, 1.2),
         moustache=rng.uniform(0.4, 1) if bearded < 0.13 else 0.0,
         beard=rng.uniform(0.4, 1) if bearded < 0.10 or 0.13 < bearded < 0.17 else 0.0,
         hair=tuple(rng.uniform(0.02, 0.6) * np.array([1, rng.uniform(0.7, 1), rng.uniform(0.5, 1)])),

@@ -49,8 +49,8 @@ class LipSettings:
     move_mw, resize, turn_rad : the canvas is laid anew when the mouth has moved, grown or turned by this much
     """
 
-    open_above: float = -0.5
-    sure_above: float = 0.5
+    open_above: float = -0.25
+    sure_above: float = 1.0
     min_height_mw: float = 0.022
     found_above: float = 0.3
     found_in_face: float = 0.08
@@ -304,7 +304,7 @@ class _Detector:
         self.settings = settings
         self._box: Box | None = None
         self._canvas: np.ndarray | None = None
-        self._earlier: tuple[Box, np.ndarray, np.ndarray] | None = None  # box, canvas and log-odds of the frame before
+        self._earlier = None  # box, canvas and log-odds of the frame before
         self._seen: Lips | None = None  # the lips on the canvas as it is laid now, once looked at
         self._look: Look | None = None
         self._rest = 0  # frames not to search, after a search found nothing
@@ -381,7 +381,7 @@ class _Detector:
         return Look(OPEN if outlines else CLOSED, outlines, box.to_picture(lips.corners), confidence), score
 
     def _steadied(self, canvas: np.ndarray, odds: np.ndarray) -> np.ndarray:
-        """Log-odds drawn towards those of the frame before, where the picture has not changed: noise is not movement."""
+        """Log-odds drawn towards those of the frame before where the picture is the same: noise is not movement."""
         earlier, settings = self._earlier, self.settings
         if earlier is not None and earlier[0] is self._box and settings.steady > 0:
             _steady(canvas, earlier[1], odds, earlier[2], settings.steady, settings.change)
