@@ -172,15 +172,30 @@ def _every(height: int, width: int) -> np.ndarray:
     return np.ones((height, width), np.bool_)
 
 
-def references(ratios: np.ndarray, lip: np.ndarray, skin: np.ndarray) -> np.ndarray:
+def references(ratios: np.ndarray, lip: np.ndarray, opening: np.ndarray, where: np.ndarray) -> np.ndarray:
     """Middle log ratios (2, 3) of the lips and of the skin.
 
-    lip, skin : (H, W) bool, which pixels to take; NaN where there are too few of them
+    lip, opening : (H, W) log-odds of the coarse stage; where : (H, W) bool, the pixels that may count. Lips are likely
+    lip and not opening, skin is not likely lip; where there are too few of either, all pixels stand in.
     """
+    return _references(ratios, lip, opening, where, PAD)
+
+
+@nb.njit(cache=True, nogil=True)
+def _references(ratios, lip, opening, where, pad):
+    is_lip, is_skin = np.zeros(where.shape, np.bool_), np.zeros(where.shape, np.bool_)
+    for i in range(0, where.shape[0], 2):
+        for j in range(0, where.shape[1], 2):
+            if where[i, j]:
+                is_lip[i, j] = lip[i, j] > 0 and opening[i, j] < 0
+                is_skin[i, j] = lip[i, j] < -1
     out = np.empty((2, 3))
-    for k, where in enumerate((lip, skin)):
-        for c in range(3):
-            out[k, c] = _quantiles(ratios[c], where, PAD, 2, 0.5, 0.5, 0.5)[1]
+    for c in range(3):
+        out[0, c] = _quantiles(ratios[c], is_lip, pad, 2, 0.5, 0.5, 0.5)[1]
+        out[1, c] = _quantiles(ratios[c], is_skin, pad, 2, 0.5, 0.5, 0.5)[1]
+        for k in range(2):
+            if np.isnan(out[k, c]):
+                out[k, c] = _quantiles(ratios[c], where, pad, 2, 0.5, 0.5, 0.5)[1]
     return out
 
 

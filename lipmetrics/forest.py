@@ -12,10 +12,16 @@ from dataclasses import dataclass
 import numba as nb
 import numpy as np
 
+from lipmetrics.errors import InputError
+
+MAX_DEPTH = 8  # a pixel's leaf is numbered in one byte
+
 
 @dataclass(frozen=True)
 class Forest:
-    """questions : (T, D, 6) int32 of (map, row offset, col offset, second row offset, second col offset, threshold);
+    """Trees of depth D, 1 to MAX_DEPTH, whose answers are added up; InputError for deeper ones.
+
+    questions : (T, D, 6) int32 of (map, row offset, col offset, second row offset, second col offset, threshold);
         with `single` (T, D) True the second offset is not used
     leaves : (T, 2**D, K) float32, additive log-odds of K outputs
     bias : (K,) float32
@@ -25,6 +31,18 @@ class Forest:
     single: np.ndarray
     leaves: np.ndarray
     bias: np.ndarray
+
+    def __post_init__(self) -> None:
+        trees, depth = self.questions.shape[:2]
+        if not 1 <= depth <= MAX_DEPTH:
+            raise InputError(
+                f"expected trees of depth 1 to {MAX_DEPTH}, got {depth}; train the forest with fewer levels"
+            )
+        if self.leaves.shape[:2] != (trees, 1 << depth):
+            raise InputError(
+                f"expected {trees} trees of {1 << depth} leaves, got {self.leaves.shape[0]} of {self.leaves.shape[1]}; "
+                "take questions and leaves from one forest"
+            )
 
 
 def save_forests(path, forests: dict[str, Forest]) -> None:
@@ -39,7 +57,7 @@ def save_forests(path, forests: dict[str, Forest]) -> None:
 
 
 def load_forest(file, name: str) -> Forest:
-    """One forest of a file written by :func:`save_forests`."""
+    """One forest of a file written by :func:`save_forests`; InputError if its trees are too deep to be used."""
     with np.load(file) as parts:
         questions = parts[f"{name}_questions"].astype(np.int32)
         leaves = np.ascontiguousarray(parts[f"{name}_leaves"])

@@ -24,9 +24,13 @@ from lipmetrics.forest import load_forest, log_odds
 from lipmetrics.look import CLOSED, NO_MOUTH, OPEN, Look
 from lipmetrics.outline import level_outlines
 
+DIM, CLEAR = 3.0, 6.0  # log-odds of the surest pixel of an opening, see LipSettings
 LIP, OPENING, LOWER = range(3)  # outputs: lip or opening, opening; of the coarse stage also lower lip
 ELSEWHERE = -4.0  # log-odds of what was not looked at, far from the lips
+CLARITY_GAIN = 0.1  # of a frame in the clip's clarity: it belongs to the light and the camera, not to the frame
 NEAR_MW = 0.25  # an opening this far above or below the middle of the lips needs e times the evidence
+FILLED = 0.5  # above 0, the level of the outlines
+_CLOSING = np.ones((5, 9), np.uint8)  # an opening may cut the lips' outline by so many rows and columns
 MIN_WIDTH_PX = 12  # narrower mouths have nothing left to measure
 SETTLE_STEPS = 4  # at most, of the canvas over a mouth just found
 MARGIN = 8  # px around the lips that are looked at again: in a frame the lips move less than that
@@ -37,7 +41,8 @@ Region = tuple[int, int, int, int]  # half-open part (row0, row1, col0, col1) of
 class LipSettings:
     """Settings of `method="default"`. Lengths in mouth widths (mw), evidence in log-odds.
 
-    open_above : a pixel is opening above this
+    open_above_dim, open_above_clear : a pixel is opening above this, in a picture whose surest pixel has at most
+        DIM and in one whose surest has at least CLEAR; between them in proportion
     sure_above : an opening has a pixel above this, or it is not counted
     min_height_mw : lower openings are not counted
     found_above : score, 0 to 1, above which a place in the picture counts as a mouth
@@ -49,7 +54,8 @@ class LipSettings:
     move_mw, resize, turn_rad : the canvas is laid anew when the mouth has moved, grown or turned by this much
     """
 
-    open_above: float = -0.25
+    open_above_dim: float = -0.75
+    open_above_clear: float = 0.5
     sure_above: float = 1.0
     min_height_mw: float = 0.022
     found_above: float = 0.3
@@ -65,8 +71,6 @@ class LipSettings:
     def __post_init__(self) -> None:
         if not (0 <= self.steady < 1 and self.change > 0 and self.hysteresis >= 0):
             raise InputError("expected steady from 0 to below 1, change above 0 and hysteresis of at least 0")
-        if not self.open_above <= self.sure_above:
-            raise InputError(f"expected open_above <= sure_above, got {self.open_above} and {self.sure_above}")
         if not 0 <= self.lost_below <= self.found_above <= 1:
             raise InputError(
                 f"expected 0 <= lost_below <= found_above <= 1, got {self.lost_below} and {self.found_above}"
@@ -96,12 +100,7 @@ def fine_inputs(canvas: np.ndarray, coarse: np.ndarray, region: Region | None = 
     """The maps that the fine forest sees, of a canvas (*CANVAS, 3) uint8 RGB and its coarse log-odds (3, *COARSE)."""
     enlarged = np.stack([cv2.resize(plane, CANVAS[::-1]) for plane in coarse])
     ratios = features.log_ratios(canvas)
-    lip = (enlarged[LIP] > 0) & (enlarged[OPENING] < 0) & _oval()
-    skin = (enlarged[LIP] < -1) & _oval()
-    middles = features.references(ratios, lip, skin)
-    for row in middles:
-        if np.isnan(row).any():  # no lips or no skin to speak of: the whole canvas stands in
-            row[:] = features.references(ratios, _oval(), _oval())[0]
+    middles = features.references(ratios, enlarged[LIP], enlarged[OPENING], _oval())
     return features.fine_maps(ratios, middles, enlarged, region)
 
 
@@ -177,19 +176,24 @@ class Lips:
         return np.array([(ends[0], self.left - 0.5), (ends[1], self.right - 0.5)])
 
 
-def main_lips(odds: np.ndarray) -> Lips | None:
-    """The connected lips nearest the middle of a canvas, from log-odds (rows, cols); None if there are none."""
+def main_lips(odds: np.ndarray, region: Region | None = None) -> Lips | None:
+    """The connected lips nearest the middle of a canvas, from log-odds (rows, cols) in the region; None without any."""
+    size = odds.shape
+    row0, row1, col0, col1 = region or (0, size[0], 0, size[1])
+    odds, weight = odds[row0:row1, col0:col1], _middle_weight(size)[row0:row1, col0:col1]
     count, labels, stats, _ = cv2.connectedComponentsWithStats((odds > 0).astype(np.uint8), connectivity=4)
     if count < 2:
         return None
-    weight = _middle_weight(odds.shape) * np.clip(odds, 0, 3)
-    score = np.bincount(labels.ravel(), weight.ravel(), count)
+    score = np.bincount(labels.ravel(), (weight * np.clip(odds, 0, 3)).ravel(), count)
     score[0] = 0
     best = int(score.argmax())
-    left, top, width, height, area = stats[best]
+    left, top, width, height, area = (int(value) for value in stats[best])
     if area < 12 or width < 4:
         return None
-    return Lips(labels == best, top, top + height, left, left + width)
+    mask = np.zeros(size, bool)
+    mask[row0:row1, col0:col1] = labels == best
+    left, top = left + col0, top + row0
+    return Lips(mask, top, top + height, left, left + width)
 
 
 def mouth_score(odds: np.ndarray, lips: Lips | None) -> float:
@@ -241,18 +245,28 @@ def settle(frame, box: Box, steps: int) -> tuple[Box, float]:
     return box, score
 
 
-def openings_on(odds: np.ndarray, lips: Lips, settings: LipSettings) -> tuple[np.ndarray, float]:
+def surest(odds: np.ndarray, lips: Lips) -> float:
+    """Mean log-odds of the three surest opening pixels inside the lips, from (outputs, rows, cols)."""
+    return float(np.partition(odds[OPENING][lips.mask], -3)[-3:].mean())
+
+
+def openings_on(odds: np.ndarray, lips: Lips, settings: LipSettings, clarity: float) -> tuple[np.ndarray, float]:
     """Which openings count: a field (rows, cols) float32 above 0 inside them, and the peak log-odds of the best.
 
-    odds : fine log-odds (outputs, rows, cols). An opening lies in the lips, is high enough and somewhere sure. Openings
-    of one mouth lie side by side, so of two in the same columns the one with more evidence counts: the other is a
-    shadow under the lip or the nose.
+    odds : fine log-odds (outputs, rows, cols); clarity : log-odds of the surest pixels, of this picture or of the clip
+
+    An opening lies in the lips, is high enough and somewhere sure. Openings of one mouth lie side by side, so of two in
+    the same columns the one with more evidence counts: the other is a shadow under the lip or the nose.
     """
-    field = np.minimum(odds[OPENING] - settings.open_above, odds[LIP] + 1)
-    around = cv2.morphologyEx(lips.mask.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 9), np.uint8)) > 0
+    open_above = float(np.interp(clarity, (DIM, CLEAR), (settings.open_above_dim, settings.open_above_clear)))
+    row0, row1, col0, col1 = lips.region(lips.mask.shape)
+    middle = (lips.mask.shape[0] - 1) / 2 - row0
+    odds, mask = odds[:, row0:row1, col0:col1], lips.mask[row0:row1, col0:col1]
+    field = np.minimum(odds[OPENING] - open_above, odds[LIP] + 1)
+    around = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, _CLOSING) > 0
     count, labels, stats, _ = cv2.connectedComponentsWithStats((field > 0).astype(np.uint8), connectivity=4)
     low = settings.min_height_mw * MOUTH
-    nearness = np.exp(-(((np.arange(field.shape[0]) - (field.shape[0] - 1) / 2) / (NEAR_MW * MOUTH)) ** 2))
+    nearness = np.exp(-(((np.arange(row1 - row0) - middle) / (NEAR_MW * MOUTH)) ** 2))
     likely = []
     for k in range(1, count):
         left, top, width, height, area = stats[k]
@@ -265,7 +279,7 @@ def openings_on(odds: np.ndarray, lips: Lips, settings: LipSettings) -> tuple[np
         inside = odds[OPENING][window][part]
         peak = float(np.partition(inside, -3)[-3:].mean())
         if peak >= settings.sure_above:
-            evidence = float(np.clip(inside - settings.open_above, 0, 4).sum() * nearness[top + height // 2])
+            evidence = float(np.clip(inside - open_above, 0, 4).sum() * nearness[top + height // 2])
             likely.append((evidence, left, left + width, k, peak))
     likely.sort(reverse=True)
     kept = []
@@ -275,13 +289,20 @@ def openings_on(odds: np.ndarray, lips: Lips, settings: LipSettings) -> tuple[np
             kept.append((evidence, left, right, k, peak))
     keep = np.zeros(count, bool)
     keep[[k for *_, k, _ in kept]] = True
-    best = max((peak for *_, peak in kept), default=float(odds[OPENING][lips.mask].max()))
-    return np.where((labels > 0) & ~keep[labels], -1, field).astype(np.float32), best
+    best = max((peak for *_, peak in kept), default=float(odds[OPENING][mask].max()))
+    field = np.where((labels > 0) & ~keep[labels], -1, field)
+    for *_, k, _ in kept:  # what lies in an opening, above and below it, is a tongue or a tooth
+        part = labels == k
+        held = np.maximum.accumulate(part, axis=0) & np.maximum.accumulate(part[::-1], axis=0)[::-1]
+        field = np.where(held & ~part, FILLED, field)
+    out = np.full(lips.mask.shape, -1, np.float32)
+    out[row0:row1, col0:col1] = field
+    return out, best
 
 
 @numba.njit(cache=True, nogil=True)
 def _steady(canvas, canvas_before, odds, odds_before, keep, change):
-    """odds += weight (odds_before - odds), weight falling from `keep` at equal pixels to 0 at a change of 2 `change`."""
+    """odds += weight (odds_before - odds), weight from `keep` at a change of `change` grey levels to 0 at twice it."""
     height, width = canvas.shape[:2]
     for i in range(height):
         for j in range(width):
@@ -307,6 +328,7 @@ class _Detector:
         self._earlier = None  # box, canvas and log-odds of the frame before
         self._seen: Lips | None = None  # the lips on the canvas as it is laid now, once looked at
         self._look: Look | None = None
+        self._clarity: float | None = None  # how sure open frames of this clip are at their surest
         self._rest = 0  # frames not to search, after a search found nothing
         self._pause = 1
 
@@ -362,17 +384,21 @@ class _Detector:
         coarse, lips = self._coarse(shrunk(canvas))
         if lips is None:
             return lost
-        odds = self._steadied(canvas, fine_odds(canvas, coarse, lips.region(CANVAS)))
-        lips = main_lips(odds[LIP])
+        region = lips.region(CANVAS)
+        odds = self._steadied(canvas, fine_odds(canvas, coarse, region))
+        lips = main_lips(odds[LIP], region)
         if lips is None:
             return lost
         box, settings = self._box, self.settings
         score = mouth_score(odds[LIP], lips)
         if self._look is not None:
             sign = 1 if self._look.status == CLOSED else -1
-            sure_above = max(settings.sure_above + sign * settings.hysteresis, settings.open_above)
-            settings = replace(settings, sure_above=sure_above)
-        field, peak = openings_on(odds, lips, settings)
+            settings = replace(settings, sure_above=settings.sure_above + sign * settings.hysteresis)
+        clarity = surest(odds, lips)
+        if clarity > settings.sure_above:
+            known = self._clarity is not None
+            self._clarity = self._clarity + CLARITY_GAIN * (clarity - self._clarity) if known else clarity
+        field, peak = openings_on(odds, lips, settings, clarity if self._clarity is None else self._clarity)
         outlines = [box.to_picture(outline) for outline in level_outlines(field, 0.0)]
         self._seen = lips
         self._follow(moved_box(box, lips, CANVAS))
@@ -393,7 +419,7 @@ class _Detector:
         if self._seen is not None:
             region = self._seen.region(COARSE)
             odds = coarse_odds(canvas, region)
-            lips = main_lips(odds[LIP])
+            lips = main_lips(odds[LIP], region)
             if lips is not None and lips.fits(region, COARSE):
                 return odds, lips
         odds = coarse_odds(canvas)

@@ -1,9 +1,12 @@
 """The benchmarks' own arithmetic: the split by person, masks, heights and scores worked out by hand."""
 
 import sys
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import av
+import cv2
 import numpy as np
 import pandas as pd
 import pytest
@@ -230,6 +233,32 @@ def test_every_second_frame_leaves_straight_lines_between():
     np.testing.assert_allclose(heights[:8], [0, 1, 2, 3, 4, 5, 6, 6])
     np.testing.assert_allclose(heights[8:], 1)
     assert speed.thin_out(frames, 1) is frames
+
+
+def test_a_method_is_shown_every_third_frame_only(tmp_path, monkeypatch):
+    class Detector:
+        seen = 0
+
+        def look(self, frame):
+            Detector.seen += 1
+            return frame.index
+
+    monkeypatch.setattr(speed, "make_detector", lambda *_: Detector())
+    for index in range(5):
+        cv2.imwrite(str(tmp_path / f"{index}.png"), np.full((8, 8, 3), 50 * index, np.uint8))
+    opened = partial(speed.open_frames, fps=25)
+    monkeypatch.setattr(speed, "open_frames", opened)
+    assert list(speed.every_nth_look("default", None, 3)(tmp_path)) == [0, 0, 0, 3, 3]
+    assert Detector.seen == 2
+
+
+@pytest.mark.parametrize("method", speed.VARIANTS)
+def test_settings_that_are_compared_exist_and_none_is_the_default(method):
+    own = speed.make_detector(method, None, None).settings
+    seen = []
+    for changes, every in speed.VARIANTS[method].values():
+        seen.append((replace(own, **changes), every))
+    assert all(seen.count(each) == 1 for each in seen)
 
 
 def test_enlarged_clip_keeps_its_frames_and_fills_the_sides(tmp_path):

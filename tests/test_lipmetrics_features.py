@@ -48,17 +48,36 @@ def test_quantiles_agree_with_numpy(step):
     assert features._quantiles(plane, weight, PAD, step, 0.1, 0.5, 0.9) == pytest.approx(expected, abs=8)
 
 
-def test_references_are_medians_and_unknown_where_there_are_too_few_pixels():
+SURE = 3.0
+
+
+def test_references_are_medians_of_the_lips_without_the_opening_and_of_the_skin():
     ratios = features.log_ratios(face(CANVAS))
     rows, cols = np.indices(CANVAS)
-    lip, skin = np.hypot(rows - 60, 0.5 * (cols - 64)) < 14, np.abs(rows - 20) < 15
-    expected = [np.median(ratios[INNER][:, where], axis=1) for where in (lip, skin)]
-    assert features.references(ratios, lip, skin) == pytest.approx(np.array(expected), abs=8)
-    few = np.zeros(CANVAS, bool)
-    few[0, :15] = True
-    middles = features.references(ratios, few, skin)
-    assert np.isnan(middles[0]).all()
-    assert np.isfinite(middles[1]).all()
+    away = np.hypot(rows - 60, 0.5 * (cols - 64))
+    opening = np.where(away < 10, SURE, -SURE).astype(np.float32)
+    where = (rows < 15) | (rows >= 40)
+    lip = np.where(away < 14, SURE, np.where(rows < 40, -SURE, -0.5)).astype(np.float32)  # -0.5: neither lip nor skin
+    is_lip, is_skin = (away < 14) & (away >= 10), rows < 15
+    ratios[INNER][:, ~is_lip & ~is_skin] -= 700  # most pixels, and none of them may count
+    expected = [np.median(ratios[INNER][:, chosen], axis=1) for chosen in (is_lip, is_skin)]
+    assert features.references(ratios, lip, opening, where) == pytest.approx(np.array(expected), abs=8)
+
+
+@pytest.mark.parametrize("missing", [0, 1])
+def test_all_pixels_stand_in_for_lips_or_skin_of_which_there_are_too_few(missing):
+    ratios = features.log_ratios(face(CANVAS))
+    ratios[INNER][:, 0] -= 700  # the few are unlike the rest
+    where, no_opening = np.ones(CANVAS, bool), np.full(CANVAS, -SURE, np.float32)
+    few = np.full(CANVAS, (-SURE, SURE)[missing], np.float32)
+    few[0, :29] *= -1  # every second pixel is looked at: 15 of them
+    everywhere = np.median(ratios[INNER], axis=(1, 2))
+    middles = features.references(ratios, few, no_opening, where)
+    assert middles == pytest.approx(np.array([everywhere, everywhere]), abs=8)
+    few[0, 29:31] *= -1  # 16 are enough
+    middles = features.references(ratios, few, no_opening, where)
+    assert middles[missing] == pytest.approx(np.median(ratios[INNER][:, 0, :31:2], axis=1), abs=8)
+    assert middles[1 - missing] == pytest.approx(everywhere, abs=8)
 
 
 def coarse(picture, region=None):
@@ -69,7 +88,9 @@ def fine(picture, region=None):
     ratios = features.log_ratios(picture)
     rows = np.arange(CANVAS[0])[:, None] * np.ones(CANVAS[1])
     odds = np.stack([3 - np.abs(rows - 56) / 4] * 3).astype(np.float32)
-    return features.fine_maps(ratios, features.references(ratios, odds[0] > 0, odds[0] < -2), odds, region)
+    return features.fine_maps(
+        ratios, features.references(ratios, odds[0], -odds[0], np.ones(CANVAS, bool)), odds, region
+    )
 
 
 @pytest.mark.parametrize(("maps_of", "size", "count"), [(coarse, COARSE, 20), (fine, CANVAS, 22)])

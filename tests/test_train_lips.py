@@ -11,6 +11,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 import train_lips as train
 
+from lipmetrics.errors import InputError
 from lipmetrics.features import MAX_OFFSET, PAD
 from lipmetrics.forest import Forest, load_forest, log_odds, save_forests
 from lipmetrics.lips import LIP, OPENING
@@ -69,6 +70,27 @@ def test_a_saved_forest_gives_the_same_log_odds(tmp_path, coarse):
         loaded = load_forest(tmp_path / "both.npz", name)
         before, after = (log_odds(f, maps, PAD, (0, 20), (0, 30)) for f in (forest, loaded))
         np.testing.assert_array_equal(before, after)
+
+
+def test_trees_too_deep_for_a_leaf_number_of_one_byte_are_refused(tmp_path):
+    rng = np.random.default_rng(0)
+    deepest = random_forest(rng, depth=8)
+    with pytest.raises(InputError, match="depth 1 to 8, got 9"):
+        random_forest(rng, depth=9)
+    save_forests(tmp_path / "deep.npz", {"deep": deepest})
+    with np.load(tmp_path / "deep.npz") as file:
+        parts = dict(file)
+    parts["deep_questions"] = np.concatenate([parts["deep_questions"], parts["deep_questions"][:, :1]], axis=1)
+    parts["deep_leaves"] = np.concatenate([parts["deep_leaves"]] * 2, axis=1)
+    np.savez(tmp_path / "deep.npz", **parts)
+    with pytest.raises(InputError, match="depth 1 to 8, got 9"):
+        load_forest(tmp_path / "deep.npz", "deep")
+
+
+def test_a_forest_with_a_leaf_too_few_is_refused():
+    forest = random_forest(np.random.default_rng(0), depth=3)
+    with pytest.raises(InputError, match="5 trees of 8 leaves, got 5 of 7"):
+        replace(forest, leaves=forest.leaves[:, :7])
 
 
 # --- canvases
