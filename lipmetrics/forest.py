@@ -8,6 +8,7 @@ turns into vector instructions; the answers make an index into the leaf table.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numba as nb
 import numpy as np
@@ -31,6 +32,11 @@ class Forest:
     single: np.ndarray
     leaves: np.ndarray
     bias: np.ndarray
+
+    @cached_property
+    def leaves_by_output(self) -> np.ndarray:
+        """(K, T, 2**D) float32, the leaves of one output side by side."""
+        return np.ascontiguousarray(self.leaves.transpose(2, 0, 1), np.float32)
 
     def __post_init__(self) -> None:
         trees, depth = self.questions.shape[:2]
@@ -65,34 +71,39 @@ def load_forest(file, name: str) -> Forest:
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _grow(maps, row0, row1, col0, col1, questions, single, leaves, bias, out):
+def _grow(maps, stride, start, rows, width, questions, single, leaves, bias, out):
+    """maps (C, pixels of the padded canvas in a row); the asked-for rows begin at `start`, `stride` apart.
+
+    The padding between two rows is asked along with them: one long run of comparisons beats many short ones.
+    """
     n_trees, depth = questions.shape[0], questions.shape[1]
-    width = col1 - col0
-    index = np.empty(width, np.uint8)
-    for r in range(row0, row1):
+    run = (rows - 1) * stride + width
+    index = np.empty(run, np.uint8)
+    for k in range(bias.size):
+        out[k, :, :] = bias[k]
+    for t in range(n_trees):
+        index[:] = 0
+        for d in range(depth):
+            c, dy, dx, ey, ex, threshold = questions[t, d]
+            bit = np.uint8(1 << d)
+            begin = start + dy * stride + dx
+            first = maps[c, begin : begin + run]
+            if single[t, d]:
+                limit = np.uint8(min(max(threshold, 0), 255))
+                for j in range(run):
+                    index[j] |= bit if first[j] > limit else np.uint8(0)
+            else:
+                begin = start + ey * stride + ex
+                second = maps[c, begin : begin + run]
+                least = np.int16(threshold)
+                for j in range(run):
+                    index[j] |= bit if np.int16(np.int16(first[j]) - np.int16(second[j])) > least else np.uint8(0)
         for k in range(bias.size):
-            for j in range(width):
-                out[k, r - row0, j] = bias[k]
-        for t in range(n_trees):
-            for j in range(width):
-                index[j] = 0
-            for d in range(depth):
-                c, dy, dx, ey, ex, threshold = questions[t, d]
-                bit = np.uint8(1 << d)
-                first = maps[c, r + dy, col0 + dx : col1 + dx]
-                if single[t, d]:
-                    limit = np.uint8(min(max(threshold, 0), 255))
-                    for j in range(width):
-                        index[j] |= bit if first[j] > limit else np.uint8(0)
-                else:
-                    second = maps[c, r + ey, col0 + ex : col1 + ex]
-                    limit16 = np.int16(threshold)
-                    for j in range(width):
-                        index[j] |= bit if np.int16(np.int16(first[j]) - np.int16(second[j])) > limit16 else np.uint8(0)
-            for k in range(bias.size):
-                table = leaves[t, :, k]
+            table = leaves[k, t]
+            for r in range(rows):
+                answers, row = index[r * stride : r * stride + width], out[k, r]
                 for j in range(width):
-                    out[k, r - row0, j] += table[index[j]]
+                    row[j] += table[answers[j]]
 
 
 def log_odds(forest: Forest, maps: np.ndarray, pad: int, rows: tuple[int, int], cols: tuple[int, int]) -> np.ndarray:
@@ -100,16 +111,18 @@ def log_odds(forest: Forest, maps: np.ndarray, pad: int, rows: tuple[int, int], 
 
     maps : (C, H + 2 pad, W + 2 pad) uint8, padded by at least the largest offset
     """
-    out = np.empty((forest.bias.size, rows[1] - rows[0], cols[1] - cols[0]), np.float32)
+    (row0, row1), (col0, col1) = rows, cols
+    out = np.empty((forest.bias.size, row1 - row0, col1 - col0), np.float32)
+    stride = maps.shape[2]
     _grow(
-        maps,
-        rows[0] + pad,
-        rows[1] + pad,
-        cols[0] + pad,
-        cols[1] + pad,
+        np.ascontiguousarray(maps).reshape(len(maps), -1),
+        stride,
+        (row0 + pad) * stride + col0 + pad,
+        row1 - row0,
+        col1 - col0,
         forest.questions,
         forest.single,
-        forest.leaves,
+        forest.leaves_by_output,
         forest.bias,
         out,
     )

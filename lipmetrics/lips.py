@@ -24,10 +24,8 @@ from lipmetrics.forest import load_forest, log_odds
 from lipmetrics.look import CLOSED, NO_MOUTH, OPEN, Look
 from lipmetrics.outline import level_outlines
 
-DIM, CLEAR = 3.0, 6.0  # log-odds of the surest pixel of an opening, see LipSettings
 LIP, OPENING, LOWER = range(3)  # outputs: lip or opening, opening; of the coarse stage also lower lip
 ELSEWHERE = -4.0  # log-odds of what was not looked at, far from the lips
-CLARITY_GAIN = 0.1  # of a frame in the clip's clarity: it belongs to the light and the camera, not to the frame
 NEAR_MW = 0.25  # an opening this far above or below the middle of the lips needs e times the evidence
 FILLED = 0.5  # above 0, the level of the outlines
 _CLOSING = np.ones((5, 9), np.uint8)  # an opening may cut the lips' outline by so many rows and columns
@@ -41,8 +39,7 @@ Region = tuple[int, int, int, int]  # half-open part (row0, row1, col0, col1) of
 class LipSettings:
     """Settings of `method="default"`. Lengths in mouth widths (mw), evidence in log-odds.
 
-    open_above_dim, open_above_clear : a pixel is opening above this, in a picture whose surest pixel has at most
-        DIM and in one whose surest has at least CLEAR; between them in proportion
+    open_above : a pixel is opening above this
     sure_above : an opening has a pixel above this, or it is not counted
     min_height_mw : lower openings are not counted
     found_above : score, 0 to 1, above which a place in the picture counts as a mouth
@@ -54,9 +51,8 @@ class LipSettings:
     move_mw, resize, turn_rad : the canvas is laid anew when the mouth has moved, grown or turned by this much
     """
 
-    open_above_dim: float = -0.75
-    open_above_clear: float = 0.5
-    sure_above: float = 1.0
+    open_above: float = -0.25
+    sure_above: float = 1.5
     min_height_mw: float = 0.022
     found_above: float = 0.3
     found_in_face: float = 0.08
@@ -75,6 +71,8 @@ class LipSettings:
             raise InputError(
                 f"expected 0 <= lost_below <= found_above <= 1, got {self.lost_below} and {self.found_above}"
             )
+        if not self.open_above <= self.sure_above:
+            raise InputError(f"expected open_above <= sure_above, got {self.open_above} and {self.sure_above}")
         if min(self.min_height_mw, self.move_mw, self.resize, self.turn_rad) < 0:
             raise InputError("expected min_height_mw, move_mw, resize and turn_rad of at least 0")
 
@@ -154,6 +152,18 @@ class Lips:
             min(int(np.ceil(self.bottom * per_row)) + MARGIN, size[0]),
             max(int(self.left * per_col) - MARGIN, 0),
             min(int(np.ceil(self.right * per_col)) + MARGIN, size[1]),
+        )
+
+    def centred(self, enlarged: float) -> Lips:
+        """Where these lips lie on a canvas laid over their middle, on which everything is so much larger; no mask."""
+        rows, cols = self.mask.shape
+        high, wide = enlarged * (self.bottom - self.top) / 2, enlarged * (self.right - self.left) / 2
+        return replace(
+            self,
+            top=max(int(rows / 2 - high), 0),
+            bottom=min(int(np.ceil(rows / 2 + high)), rows),
+            left=max(int(cols / 2 - wide), 0),
+            right=min(int(np.ceil(cols / 2 + wide)), cols),
         )
 
     def fits(self, region: Region, size: tuple[int, int]) -> bool:
@@ -245,24 +255,17 @@ def settle(frame, box: Box, steps: int) -> tuple[Box, float]:
     return box, score
 
 
-def surest(odds: np.ndarray, lips: Lips) -> float:
-    """Mean log-odds of the three surest opening pixels inside the lips, from (outputs, rows, cols)."""
-    return float(np.partition(odds[OPENING][lips.mask], -3)[-3:].mean())
-
-
-def openings_on(odds: np.ndarray, lips: Lips, settings: LipSettings, clarity: float) -> tuple[np.ndarray, float]:
+def openings_on(odds: np.ndarray, lips: Lips, settings: LipSettings) -> tuple[np.ndarray, float]:
     """Which openings count: a field (rows, cols) float32 above 0 inside them, and the peak log-odds of the best.
 
-    odds : fine log-odds (outputs, rows, cols); clarity : log-odds of the surest pixels, of this picture or of the clip
-
-    An opening lies in the lips, is high enough and somewhere sure. Openings of one mouth lie side by side, so of two in
-    the same columns the one with more evidence counts: the other is a shadow under the lip or the nose.
+    odds : fine log-odds (outputs, rows, cols). An opening lies in the lips, is high enough and somewhere sure. Openings
+    of one mouth lie side by side, so of two in the same columns the one with more evidence counts: the other is a
+    shadow under the lip or the nose.
     """
-    open_above = float(np.interp(clarity, (DIM, CLEAR), (settings.open_above_dim, settings.open_above_clear)))
     row0, row1, col0, col1 = lips.region(lips.mask.shape)
     middle = (lips.mask.shape[0] - 1) / 2 - row0
     odds, mask = odds[:, row0:row1, col0:col1], lips.mask[row0:row1, col0:col1]
-    field = np.minimum(odds[OPENING] - open_above, odds[LIP] + 1)
+    field = np.minimum(odds[OPENING] - settings.open_above, odds[LIP] + 1)
     around = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, _CLOSING) > 0
     count, labels, stats, _ = cv2.connectedComponentsWithStats((field > 0).astype(np.uint8), connectivity=4)
     low = settings.min_height_mw * MOUTH
@@ -279,7 +282,7 @@ def openings_on(odds: np.ndarray, lips: Lips, settings: LipSettings, clarity: fl
         inside = odds[OPENING][window][part]
         peak = float(np.partition(inside, -3)[-3:].mean())
         if peak >= settings.sure_above:
-            evidence = float(np.clip(inside - open_above, 0, 4).sum() * nearness[top + height // 2])
+            evidence = float(np.clip(inside - settings.open_above, 0, 4).sum() * nearness[top + height // 2])
             likely.append((evidence, left, left + width, k, peak))
     likely.sort(reverse=True)
     kept = []
@@ -321,16 +324,19 @@ def _steady(canvas, canvas_before, odds, odds_before, keep, change):
 class _Detector:
     """Looks at the frames of one clip in order; what it remembers is where the mouth was."""
 
-    def __init__(self, settings: LipSettings, info) -> None:
+    def __init__(self, settings: LipSettings) -> None:
         self.settings = settings
-        self._box: Box | None = None
-        self._canvas: np.ndarray | None = None
-        self._earlier = None  # box, canvas and log-odds of the frame before
-        self._seen: Lips | None = None  # the lips on the canvas as it is laid now, once looked at
-        self._look: Look | None = None
-        self._clarity: float | None = None  # how sure open frames of this clip are at their surest
         self._rest = 0  # frames not to search, after a search found nothing
         self._pause = 1
+        self._forget()
+
+    def _forget(self) -> None:
+        """Nothing is known of the mouth: it has gone, or another shot has begun."""
+        self._box: Box | None = None
+        self._region: Region | None = None  # of the coarse canvas as it is laid now, where the lips should be
+        self._canvas: np.ndarray | None = None
+        self._look: Look | None = None
+        self._earlier = None  # box, canvas and log-odds of the frame before
 
     def look(self, frame) -> Look:
         """What the method says about the next frame of the clip."""
@@ -338,18 +344,18 @@ class _Detector:
             canvas = lay_canvas(frame, self._box)
             if canvas is not None and self._canvas is not None and np.array_equal(canvas, self._canvas):
                 return self._look
-            look, score = self._measure(frame, canvas)
+            look, score = self._measure(canvas)
             if score >= self.settings.lost_below:
                 self._canvas, self._look = canvas, look
                 return look
-            self._box = self._canvas = self._seen = None  # gone from there: look for it elsewhere in this frame
+            self._forget()  # look for it elsewhere in this frame
         if not self._search(frame):
             return Look(NO_MOUTH, confidence=0.0)
         for _ in range(SETTLE_STEPS):
             box, canvas = self._box, lay_canvas(frame, self._box)
-            look, score = self._measure(frame, canvas)
+            look, score = self._measure(canvas)
             if score < self.settings.lost_below:
-                self._box = self._canvas = self._seen = None
+                self._forget()
                 return Look(NO_MOUTH, confidence=0.0)
             if self._box is box:
                 break
@@ -377,7 +383,7 @@ class _Detector:
         self._box, _ = settle(frame, best, 2)
         return True
 
-    def _measure(self, frame, canvas: np.ndarray | None) -> tuple[Look, float]:
+    def _measure(self, canvas: np.ndarray | None) -> tuple[Look, float]:
         lost = Look(NO_MOUTH, confidence=0.0), 0.0
         if canvas is None:
             return lost
@@ -394,14 +400,10 @@ class _Detector:
         if self._look is not None:
             sign = 1 if self._look.status == CLOSED else -1
             settings = replace(settings, sure_above=settings.sure_above + sign * settings.hysteresis)
-        clarity = surest(odds, lips)
-        if clarity > settings.sure_above:
-            known = self._clarity is not None
-            self._clarity = self._clarity + CLARITY_GAIN * (clarity - self._clarity) if known else clarity
-        field, peak = openings_on(odds, lips, settings, clarity if self._clarity is None else self._clarity)
+        field, peak = openings_on(odds, lips, settings)
         outlines = [box.to_picture(outline) for outline in level_outlines(field, 0.0)]
-        self._seen = lips
-        self._follow(moved_box(box, lips, CANVAS))
+        self._region = lips.region(COARSE)
+        self._follow(moved_box(box, lips, CANVAS), lips)
         decided = np.tanh(abs(peak - settings.sure_above) / 2)
         confidence = float(score * (0.3 + 0.7 * decided))
         return Look(OPEN if outlines else CLOSED, outlines, box.to_picture(lips.corners), confidence), score
@@ -416,8 +418,8 @@ class _Detector:
 
     def _coarse(self, canvas: np.ndarray) -> tuple[np.ndarray, Lips | None]:
         """Coarse log-odds and lips, looking only around where the lips were while they stay there."""
-        if self._seen is not None:
-            region = self._seen.region(COARSE)
+        if self._region is not None:
+            region = self._region
             odds = coarse_odds(canvas, region)
             lips = main_lips(odds[LIP], region)
             if lips is not None and lips.fits(region, COARSE):
@@ -425,7 +427,7 @@ class _Detector:
         odds = coarse_odds(canvas)
         return odds, main_lips(odds[LIP])
 
-    def _follow(self, seen: Box) -> None:
+    def _follow(self, seen: Box, lips: Lips) -> None:
         """Lay the canvas anew for the next frame if the mouth has left its place."""
         now, s = self._box, self.settings
         if not seen.width_px >= MIN_WIDTH_PX:
@@ -435,9 +437,10 @@ class _Detector:
         turned = abs(seen.roll_rad - now.roll_rad) > s.turn_rad
         if moved or resized or turned:
             width = now.width_px * float(np.clip(seen.width_px / now.width_px, 0.8, 1.25))
-            self._box, self._seen = replace(seen, width_px=width), None
+            self._box = replace(seen, width_px=width)
+            self._region = lips.centred(now.scale / self._box.scale).region(COARSE)
 
 
 def make_detector(settings: LipSettings | None, info):
     """A detector of the default method for the frames of one clip."""
-    return _Detector(settings or LipSettings(), info)
+    return _Detector(settings or LipSettings())

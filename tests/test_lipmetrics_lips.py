@@ -285,7 +285,14 @@ def test_inside_a_region_answers_are_in_px_of_the_whole_picture():
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"open_above": 1.0, "sure_above": 0.0}, {"found_above": 1.5}, {"lost_below": 0.9}, {"min_height_mw": -0.1}],
+    [
+        {"steady": 1.0},
+        {"change": 0.0},
+        {"hysteresis": -0.1},
+        {"found_above": 1.5},
+        {"lost_below": 0.9},
+        {"min_height_mw": -0.1},
+    ],
     ids=str,
 )
 def test_settings_that_make_no_sense_are_refused(wrong):
