@@ -29,14 +29,16 @@ class Place:
     """Boxes to try, in a face or in the whole picture.
 
     rectangle : (left, top, width, height) px of the face, or of the picture; mouth : where in it the middle of a mouth
-    lies, (down, across), and how wide it is, all as shares; spread : of the three, the last as a logarithm
+    lies, (down, across), and how wide it is, all as shares; spread : of the three, the last as a logarithm; least : the
+    likelihood of the unlikeliest place
     """
 
     boxes: list[Box]
     rectangle: tuple[float, float, float, float]
     mouth: tuple[float, float, float]
     spread: tuple[float, float, float]
-    is_face: bool = False
+    least: float
+    is_face: bool
 
     def likelihood(self, box: Box) -> float:
         """How likely a mouth sits there, judged by place and size alone, 0 to 1."""
@@ -44,7 +46,7 @@ class Place:
         down = ((box.row - top) / height - self.mouth[0]) / self.spread[0]
         across = ((box.col - left) / width - self.mouth[1]) / self.spread[1]
         wide = math.log(box.width_px / width / self.mouth[2]) / self.spread[2]
-        return math.exp(-0.5 * (down**2 + across**2 + wide**2))
+        return self.least + (1 - self.least) * math.exp(-0.5 * (down**2 + across**2 + wide**2))
 
 
 @lru_cache(maxsize=2)
@@ -77,12 +79,12 @@ def places(frame) -> Iterator[Place]:
             Box(top + (down + lower) * height, left + across * width, (wide + wider) * width)
             for lower, wider in FACE_STARTS
         ]
-        yield Place(boxes, face, IN_FACE, IN_FACE_SPREAD, is_face=True)
+        yield Place(boxes, face, IN_FACE, IN_FACE_SPREAD, least=0.0, is_face=True)
     picture = (0.0, 0.0, float(frame.width), float(frame.height))
     for shares in WIDTHS:
         boxes = [box for share in shares for box in _grid(frame, share * min(frame.width, 1.6 * frame.height))]
         if boxes:
-            yield Place(boxes, picture, IN_PICTURE, IN_PICTURE_SPREAD)
+            yield Place(boxes, picture, IN_PICTURE, IN_PICTURE_SPREAD, least=0.5, is_face=False)
 
 
 def _grid(frame, width_px: float) -> list[Box]:

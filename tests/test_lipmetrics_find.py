@@ -98,7 +98,7 @@ def test_the_mouths_of_the_faces_are_tried_first(monkeypatch):
             assert place.likelihood(box) > 0.5
 
 
-FACE = find.Place([], (100.0, 200.0, 300.0, 400.0), (0.8, 0.5, 0.4), (0.1, 0.15, 0.5), is_face=True)
+FACE = find.Place([], (100.0, 200.0, 300.0, 400.0), (0.8, 0.5, 0.4), (0.1, 0.15, 0.5), least=0.0, is_face=True)
 
 
 @pytest.mark.parametrize(
@@ -114,6 +114,12 @@ FACE = find.Place([], (100.0, 200.0, 300.0, 400.0), (0.8, 0.5, 0.4), (0.1, 0.15,
 )
 def test_a_mouth_is_the_less_likely_the_farther_it_is_from_where_mouths_are(box, spreads_away):
     assert FACE.likelihood(box) == pytest.approx(np.exp(-0.5 * spreads_away**2))
+
+
+def test_no_place_is_less_likely_than_the_least():
+    far = Box(5000.0, 250.0, 120.0)
+    assert FACE.likelihood(far) == pytest.approx(0.0)
+    assert replace(FACE, least=0.5).likelihood(far) == pytest.approx(0.5)
 
 
 def test_how_likely_a_mouth_is_does_not_depend_on_the_size_of_the_picture():
