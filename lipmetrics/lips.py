@@ -54,7 +54,7 @@ class LipSettings:
     open_above: float = -0.25
     sure_above: float = 1.5
     min_height_mw: float = 0.022
-    found_above: float = 0.5
+    found_above: float = 0.45
     found_in_face: float = 0.08
     lost_below: float = 0.1
     steady: float = 0.6
