@@ -44,6 +44,7 @@ class LipSettings:
     min_height_mw : lower openings are not counted
     found_above : score, 0 to 1, above which a place in the picture counts as a mouth
     found_in_face : the same for the lower part of a face
+    confirmed_above : score of the fine look at a mouth just found outside a face, below which it was none
     lost_below : score below which a mouth that was being followed counts as gone
     steady : how much of the evidence of the frame before is kept where the picture has not changed, 0 to below 1
     change : difference in grey levels up to which a pixel has not changed; at twice that nothing is kept
@@ -56,6 +57,7 @@ class LipSettings:
     min_height_mw: float = 0.022
     found_above: float = 0.45
     found_in_face: float = 0.08
+    confirmed_above: float = 0.65
     lost_below: float = 0.1
     steady: float = 0.6
     change: float = 6.0
@@ -349,39 +351,38 @@ class _Detector:
                 self._canvas, self._look = canvas, look
                 return look
             self._forget()  # look for it elsewhere in this frame
-        if not self._search(frame):
+        needed = self._search(frame)
+        if needed is None:
             return Look(NO_MOUTH, confidence=0.0)
         for _ in range(SETTLE_STEPS):
             box, canvas = self._box, lay_canvas(frame, self._box)
             look, score = self._measure(canvas)
-            if score < self.settings.lost_below:
-                self._forget()
-                return Look(NO_MOUTH, confidence=0.0)
-            if self._box is box:
+            if self._box is box or score < self.settings.lost_below:
                 break
+        if score < needed:
+            self._forget()
+            return Look(NO_MOUTH, confidence=0.0)
         self._canvas, self._look = canvas, look
         return look
 
-    def _search(self, frame) -> bool:
+    def _search(self, frame) -> float | None:
+        """Lay the box over the likeliest mouth; the score it then needs on the fine canvas, None if there is none."""
         if self._rest > 0:
             self._rest -= 1
-            return False
-        best = None
+            return None
         for place in places(frame):
-            best_score = self.settings.found_in_face if place.is_face else self.settings.found_above
+            best, best_score = None, self.settings.found_in_face if place.is_face else self.settings.found_above
             for start in place.boxes:
                 box, score = settle(frame, start, 2)
                 score *= place.likelihood(box)
                 if score > best_score:
                     best, best_score = box, score
             if best:
-                break
-        if best is None:
-            self._rest = self._pause = min(2 * self._pause, 8)
-            return False
-        self._pause = 1
-        self._box, _ = settle(frame, best, 2)
-        return True
+                self._pause = 1
+                self._box, _ = settle(frame, best, 2)
+                return self.settings.lost_below if place.is_face else self.settings.confirmed_above
+        self._rest = self._pause = min(2 * self._pause, 8)
+        return None
 
     def _measure(self, canvas: np.ndarray | None) -> tuple[Look, float]:
         lost = Look(NO_MOUTH, confidence=0.0), 0.0
