@@ -8,7 +8,7 @@ one from a seeded generator over a range meant to cover real recordings (no valu
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
@@ -601,8 +601,3 @@ def random_camera(rng: np.random.Generator) -> Camera:
         coarse=1.0 if rng.random() < 0.6 else rng.uniform(0.5, 1.0),
         jpeg=int(rng.integers(55, 100)),
     )
-
-
-def resting(face: Face) -> Face:
-    """The same face with the mouth shut."""
-    return replace(face, shape=replace(face.shape, gap=(0.0, 0.0)))

@@ -41,13 +41,6 @@ class Box:
         cos, sin = np.cos(self.roll_rad), np.sin(self.roll_rad)
         return np.column_stack([rows * cos - cols * sin, cols * cos + rows * sin]) + (np.array(CANVAS) - 1) / 2
 
-    def share_inside(self, height: int, width: int) -> float:
-        """How much of the mouth's own rectangle (1 by 0.6 mouth widths) lies inside the picture, 0 to 1."""
-        half_row, half_col = 0.3 * self.width_px, 0.5 * self.width_px
-        rows = min(self.row + half_row, height) - max(self.row - half_row, 0)
-        cols = min(self.col + half_col, width) - max(self.col - half_col, 0)
-        return max(rows, 0.0) * max(cols, 0.0) / (4 * half_row * half_col)
-
 
 def lay_canvas(frame, box: Box, size: tuple[int, int] = CANVAS) -> np.ndarray | None:
     """Cut the canvas of `box` out of a frame: (rows, columns, 3) uint8 RGB of `size`, None if it misses the picture.

@@ -106,10 +106,3 @@ def test_a_tiny_picture_fills_the_canvas(side):
     assert (canvas.shape, canvas.dtype) == ((*CANVAS, 3), np.uint8)
     assert (canvas == 77).all()
     assert (lay_canvas(AskedFrame(picture), Box(side / 2, side / 2, 900.0, 0.2)) == 77).all()
-
-
-def test_share_inside_is_the_part_of_the_mouth_that_can_be_seen():
-    assert Box(50.0, 60.0, 40.0).share_inside(100, 120) == 1
-    assert Box(50.0, 0.0, 40.0).share_inside(100, 120) == pytest.approx(0.5, abs=0.02)
-    assert Box(100.0, 120.0, 40.0).share_inside(100, 120) == pytest.approx(0.25, abs=0.03)
-    assert Box(50.0, 300.0, 40.0).share_inside(100, 120) == 0

@@ -167,7 +167,9 @@ def test_every_profile_has_a_sheet(tmp_path, statuses):
     profile = profile_of(looks_of(statuses), [k / 25 for k in range(len(statuses))], mouth_width_px=np.nan)
     folder = write_pictures(tmp_path / "take", [picture(outlines) for outlines in profile.outlines])
     write_sheet(folder, profile, tmp_path / "s.png", fps=25)
-    assert cv2.imread(str(tmp_path / "s.png")) is not None
+    drawn = cv2.imread(str(tmp_path / "s.png"))
+    assert min(drawn.shape[:2]) > 50
+    assert len(np.unique(drawn.reshape(-1, 3), axis=0)) > 20  # frames and text, not an empty sheet
 
 
 def test_another_clip_than_the_measured_one_is_refused(tmp_path, profile):
