@@ -305,3 +305,15 @@ def test_openings_lower_than_asked_for_are_not_counted():
     picture = plain(opened(0.12)).picture
     assert look_at(picture).status == OPEN
     assert look_at(picture, settings=LipSettings(min_height_mw=0.3)).status == CLOSED
+
+
+def test_evidence_of_the_frame_before_steadies_a_noisy_mouth():
+    rng = np.random.default_rng(5)
+    still = plain(opened(0.3)).picture.astype(float)
+    pictures = [np.clip(still + rng.normal(0, 3, still.shape), 0, 255).astype(np.uint8) for _ in range(12)]
+    trembles = []
+    for steady in (0.0, 0.6):
+        detector = make_detector("default", LipSettings(steady=steady), info_of(pictures[0]))
+        heights = [height_mw(detector.look(AskedFrame(p, k)).outlines, 90) for k, p in enumerate(pictures)]
+        trembles.append(np.abs(np.diff(heights[2:])).mean())
+    assert trembles[1] < 0.8 * trembles[0]
