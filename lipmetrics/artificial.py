@@ -13,6 +13,8 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
+from lipmetrics.relief import Light, Relief, face_height, head_height, shading
+
 
 @dataclass(frozen=True)
 class Shape:
@@ -53,32 +55,18 @@ class Face:
     tooth_width: float = 0.11
     seam: tuple[float, float] = (0.5, 0.015)  # darkness and width of the closed lip line
     corner_dark: float = 0.3
-    light: tuple[float, float] = (0.1, 0.1)  # brightness change per mouth width along x and y
-    side_shadow: tuple[float, float, float] = (0.0, 0.0, 0.2)  # strength, place, softness
-    below_lip: tuple[float, float, float] = (
-        0.15,
-        0.06,
-        0.45,
-    )  # shadow under the lower lip: strength, height, half length
-    chin_light: tuple[float, float] = (0.05, 0.35)  # the chin catches light: strength, distance below the lip
-    philtrum: tuple[float, float] = (0.0, 0.2)  # soft shadow above the upper lip: strength, half width
-    shadow_red: float = 0.1  # skin is redder in the shade: light scatters inside it
-    upper_dark: float = 0.12
+    relief: Relief = field(default_factory=Relief)
+    light: Light = field(default_factory=Light)
+    turn: tuple[float, float] = (0.0, 0.0)  # of the head to its left and upwards, radians
+    side_shadow: tuple[float, float, float] = (0.0, 0.0, 0.2)  # of something unseen: strength, place, softness
     upper_tint: float = 1.0  # upper lip colour against the lower's
-    bulge: tuple[float, float] = (0.15, 0.3)  # the lower lip is lighter in its middle: strength, half length
-    seam_shade: float = 0.25  # the upper lip darkens towards the seam
-    gloss: tuple[float, float, float, float] = (0.0, 0.1, 0.05, 0.4)  # highlights: strength, length, height, place
-    streaks: float = 0.6  # how far the lip's creases break the highlights up
     rim: tuple[float, float, float] = (1.0, 1.0, 0.02)  # wet inner edge: brightness, redness, width
     creases: float = 0.04
     lip_mottle: float = 0.04  # colour that comes and goes over the lips
-    folds: float = 0.15
-    fold_width: float = 0.06
     nose_y: float = -0.62
     nostril: float = 0.6
-    nose: tuple[float, float, float] = (0.1, 0.05, 0.3)  # shine and redness of its tip, darkness of its creases
+    nose_red: float = 0.05
     eyes: float = 1.0  # above the nose
-    nose_shadow: tuple[float, float, float] = (0.0, 0.25, 0.0)  # cast on the upper lip: strength, length, sideways
     jaw_shadow: float = 0.2
     blots: tuple[tuple[float, float, float, float, float], ...] = ()  # x, y, radii, tone: shadows, marks, wrinkles
     nose_width: float = 0.62
@@ -89,8 +77,9 @@ class Face:
     mottle: float = 0.03
     stubble: float = 0.0
     stubble_grain: float = 1.0  # 0: a shaved beard's even shadow
-    moustache: float = 0.0
-    beard: float = 0.0
+    moustache: tuple[float, float] = (0.0, 0.05)  # strength, how far it hangs over the upper lip
+    beard: tuple[float, float] = (0.0, 0.7)  # strength, distance from the mouth's middle where it begins
+    tongue_out: tuple[float, float] = (0.0, 0.0)  # how far below the lower lip it ends (0: inside), sideways
     hair: tuple[float, float, float] = (0.15, 0.11, 0.09)
     occluder: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)  # x, y, radius, tone (radius 0: none)
 
@@ -105,6 +94,7 @@ class Camera:
     saturation: float = 1.0
     blur_px: float = 0.5
     noise: float = 0.01
+    sharpen: float = 0.0  # strength of the halo that cameras put around edges
     coarse: float = 1.0  # below 1: recorded this much smaller, then enlarged
     jpeg: int = 92  # quality, 100 for none
 
@@ -203,8 +193,8 @@ def draw(
     rows = ((np.arange(full[0], dtype=np.float32) + 0.5) / k - 0.5 - row0)[:, None] / px_per_mouth
     cols = ((np.arange(full[1], dtype=np.float32) + 0.5) / k - 0.5 - col0)[None, :] / px_per_mouth
     cos, sin = np.float32(np.cos(roll_rad)), np.float32(np.sin(roll_rad))
-    x = cols * cos + rows * sin
-    y = rows * cos - cols * sin
+    on_screen = cols * cos + rows * sin, rows * cos - cols * sin
+    x, y, head = _surface(face, *on_screen)
     # the curves are smooth: tabulated once, looked up per pixel
     table_x = np.linspace(-0.6 * face.shape.width, 0.6 * face.shape.width, 721)
     curves = lip_curves(face.shape, table_x)
@@ -212,41 +202,98 @@ def draw(
     half = face.shape.width / 2
     inside = np.abs(x) < half
     fine = 1.0 / scale
+    ends_y = [float(np.interp(side, table_x, curves[1])) for side in (-half, half)]
 
-    picture = _skin(face, x, y, ou, ol, full, scale, rng)
     lip = np.where(inside, _step(np.minimum(y - ou, ol - y), fine), 0)
     soft_lip = np.where(inside, _step(np.minimum(y - ou, ol - y), max(fine, face.lip_edge)), 0)
-    picture = _blend(picture, _lip_colour(face, x, y, ou, iu, il, ol, full, scale, rng), soft_lip)
     opening = np.where(inside & (il - iu > 0.25 * fine), _step(np.minimum(y - iu, il - y), fine), 0)
+    z = face_height(face.relief, head, x, y, (ou, iu, il, ol), half, face.nose_y, float(np.mean(ends_y)))
+    lines, pores = _lines(rng, full, scale), np.stack([_noise(rng, full, max(1.2, 0.02 * scale)) for _ in range(2)])
+    rough = face.relief.rough * pores * (1 - soft_lip)
+    rough[0] += face.relief.lines * lines[None, :] * soft_lip
+    lit, shine = shading(face.light, _turned_to_camera(face, x, y, z), scale, soft_lip.astype(np.float32), rough)
+    bright = max(float(np.percentile(lit[..., 1], 75)), 0.05)  # a camera sets its exposure by the face
+    picture = _skin(face, x, y, ou, ol, full, scale, rng)
+    picture = _blend(picture, _lip_colour(face, x, y, ou, iu, il, ol, lines, full, scale, rng), soft_lip)
+    lit, shine = lit / bright, shine / bright
+    picture = np.sqrt(picture**2 * lit + shine)
     if opening.any():
-        picture = _blend(picture, _mouth_colour(face, x, y, iu, il, full, scale, rng), opening)
+        picture = _blend(picture, _mouth_colour(face, x, y, iu, il, full, scale, rng) / np.sqrt(bright), opening)
     strength, seam_width = face.seam
     shut = np.where(inside, np.exp(-(((y - (iu + il) / 2) / max(seam_width, fine)) ** 2)), 0) * (1 - opening)
     picture *= (1 - strength * shut * np.exp(-(((il - iu) / 0.03) ** 2)))[..., None]
-    for side in (-half, half):
-        end = np.interp(side, table_x, curves[1])
+    for side, end in zip((-half, half), ends_y, strict=True):
         picture *= (1 - face.corner_dark * np.exp(-(((x - side) / 0.05) ** 2 + ((y - end) / 0.035) ** 2)))[..., None]
+    picture = _hair(face, picture, x, y, ou, ol, opening, np.sqrt(lit), full, scale, rng)
+    if face.tongue_out[0] > 0 and opening.any():
+        picture = _tongue_out(face, picture, x, y, iu, ol, np.sqrt(lit), full, scale, rng)
+    picture = _behind(face, picture, x, y, full, scale, rng)
     if face.occluder[2] > 0:
         ox, oy, radius, tone = face.occluder
         away = np.hypot(x - ox, (y - oy) * 0.7) + 0.03 * _noise(rng, full, 0.2 * scale)
         colour = np.asarray(face.skin, np.float32) * tone * (1 - 0.4 * np.clip(away / radius, 0, 1)[..., None])
         hidden = _step(radius - away, 0.02)
         picture = _blend(picture, colour, hidden)
-    picture *= _light(face, x, y)[..., None]
+    strength, place, soft = face.side_shadow
+    picture *= (1 - strength * _step(x - place, soft))[..., None]
 
     shrink = (size[1], size[0])
     picture = cv2.resize(picture.astype(np.float32), shrink, interpolation=cv2.INTER_AREA)
     lip = cv2.resize(lip.astype(np.float32), shrink, interpolation=cv2.INTER_AREA)
     lower = lip * cv2.resize(_step(y - (iu + il) / 2, fine), shrink, interpolation=cv2.INTER_AREA)
     opening = cv2.resize(opening.astype(np.float32), shrink, interpolation=cv2.INTER_AREA)
-    ends_y = [float(np.interp(s, table_x, curves[1])) for s in (-half, half)]
-    corners = np.array(
-        [
-            (row0 + (s * sin + e * cos) * px_per_mouth, col0 + (s * cos - e * sin) * px_per_mouth)
-            for s, e in zip((-half, half), ends_y, strict=True)
-        ]
-    )
-    return Drawing(photograph(picture, camera, rng), lip, opening, np.clip(lower - opening, 0, 1), corners)
+    corners = []
+    for side, end in zip((-half, half), ends_y, strict=True):
+        across, down = _on_screen(face, side, end)
+        corners.append(
+            (row0 + (across * sin + down * cos) * px_per_mouth, col0 + (across * cos - down * sin) * px_per_mouth)
+        )
+    return Drawing(photograph(picture, camera, rng), lip, opening, np.clip(lower - opening, 0, 1), np.array(corners))
+
+
+def _head(face, x, y):
+    return head_height(face.relief, x, y, face.nose_y, face.nose_width, face.chin_y)
+
+
+def _surface(face, across, down):
+    """Where on the face each point of the screen lies (x, y), and its height there, for a turned head.
+
+    By fixed-point iteration: the face is a height over its plane and the turn small, so each round comes closer."""
+    left, up = face.turn
+    if left == up == 0:
+        return across, down, _head(face, across, down)
+    size = across.shape[::-1]
+    grid = tuple(max(2, side // 4) for side in size)  # the shifts are smooth
+    across_few, down_few = (cv2.resize(each, grid, interpolation=cv2.INTER_AREA) for each in (across, down))
+    x, y = across_few / np.float32(np.cos(left)), down_few / np.float32(np.cos(up))
+    start = float(_head(face, 0.0, 0.0))
+    for _ in range(5):
+        z = _head(face, x, y) - start
+        x = np.float32((across_few - z * np.sin(left)) / np.cos(left))
+        y = np.float32((down_few + (z * np.cos(left) - x * np.sin(left)) * np.sin(up)) / np.cos(up))
+    x = across + cv2.resize(x - across_few, size, interpolation=cv2.INTER_LINEAR)
+    y = down + cv2.resize(y - down_few, size, interpolation=cv2.INTER_LINEAR)
+    return x, y, _head(face, x, y)
+
+
+def _on_screen(face, x: float, y: float) -> tuple[float, float]:
+    """The inverse of `_surface` at one point."""
+    left, up = face.turn
+    z = float(_head(face, x, y)) - float(_head(face, 0.0, 0.0))
+    across, deep = x * np.cos(left) + z * np.sin(left), z * np.cos(left) - x * np.sin(left)
+    return float(across), float(y * np.cos(up) - deep * np.sin(up))
+
+
+def _turned_to_camera(face, x, y, z):
+    left, up = face.turn
+    return (z * np.cos(left) - x * np.sin(left)) * np.cos(up) + y * np.sin(up)
+
+
+def _lines(rng, full, scale):
+    """The creases that run up and down the lips, (W,), about 0 with spread 1."""
+    lines = rng.standard_normal(full[1]).astype(np.float32)
+    width = max(1, int(0.02 * scale))
+    return np.convolve(lines, np.ones(width, np.float32) / np.sqrt(width), "same")
 
 
 def _skin(face, x, y, ou, ol, full, scale, rng):
@@ -254,67 +301,57 @@ def _skin(face, x, y, ou, ol, full, scale, rng):
     texture = 1 + face.mottle * (0.6 * _noise(rng, full, 0.25 * scale) + 0.4 * _noise(rng, full, 0.04 * scale))
     picture = skin * texture[..., None]
     tint = 0.03 * _noise(rng, full, 0.4 * scale)
-    picture *= np.stack([1 + 0 * tint, 1 - tint, 1 - tint], -1)
-    # folds from the nose to outside the corners, philtrum, shadow below the lower lip
-    fold_x = 0.40 + 0.34 * np.clip(y + 0.6, 0, 1.2) ** 0.7 + 0.03 * np.sin(5 * y)
-    shade = (
-        face.folds
-        * np.exp(-(((np.abs(x) - fold_x) / face.fold_width) ** 2))
-        * _step(y + 0.6, 0.3)
-        * _step(0.4 - y, 0.4)
-    )
-    shade += 0.4 * face.folds * np.exp(-((x / 0.05) ** 2)) * _step(y - face.nose_y, 0.1) * (y < 0)
-    gap = np.clip(y - ol, 0, None)
-    strength, height, length = face.below_lip
-    shade += (
-        strength * np.exp(-(((gap - 0.6 * height) / height) ** 2)) * np.clip(1 - (x / length) ** 2, 0, 1) * (y > ol)
-    )
-    strength, distance = face.chin_light
-    shade -= strength * np.exp(-(((gap - distance) / 0.14) ** 2) - (x / 0.3) ** 2) * (y > ol)
-    strength, breadth = face.philtrum
-    shade += strength * np.exp(-((x / breadth) ** 2)) * _step(y - face.nose_y - 0.05, 0.15) * (y < ou)
-    # nose: tip lighter, wings and nostrils darker
-    nose = np.exp(-((x / (0.5 * face.nose_width)) ** 4)) * _step(face.nose_y + 0.05 - y, 0.12)
-    picture *= (1 + 0.06 * nose)[..., None]
-    under = np.exp(-(((y - face.nose_y - 0.03) / 0.06) ** 2) - (x / (0.45 * face.nose_width)) ** 4)
-    shade += 0.35 * face.nostril * under
-    strength, length, sideways = face.nose_shadow
-    if strength > 0:
-        drop = y - face.nose_y
-        cast = (
-            np.exp(-(((x - sideways * drop) / (0.4 * face.nose_width)) ** 4))
-            * _step(drop, 0.05)
-            * _step(length - drop, 0.25)
-        )
-        shade += strength * cast
+    shade = np.zeros_like(x)
     for bx, by, rx, ry, tone in face.blots:
         shade += tone * _step(1 - np.hypot((x - bx) / rx, (y - by) / ry), 0.5)
     holes = np.exp(
         -((((np.abs(x) - 0.23 * face.nose_width) / 0.09) ** 2 + ((y - face.nose_y + 0.02) / 0.055) ** 2) ** 2)
     )
     shade += face.nostril * holes
-    lit = np.clip(1 - shade, 0.05, 1.25)[..., None]
-    picture *= lit ** np.array([1, 1 + face.shadow_red, 1 + 1.3 * face.shadow_red], np.float32)
+    tip = face.nose_red * np.exp(-((x / 0.3) ** 2) - ((y - face.nose_y + 0.16) / 0.15) ** 2)
+    picture *= np.stack([1 + 0 * tint, 1 - tint - tip, 1 - tint - tip], -1) * np.clip(1 - shade, 0.05, 1.25)[..., None]
+    return _eyes(face, picture, x, y, np.asarray(face.hair, np.float32))
+
+
+def _hair(face, picture, x, y, ou, ol, opening, lit, full, scale, rng):
+    """Stubble, moustache and beard, which hide the skin and the edge of the lips but not the opening."""
+    (moustache, hang), (beard, begins) = face.moustache, face.beard
+    if not (face.stubble or moustache or beard):
+        return picture
     hair = np.asarray(face.hair, np.float32)
-    picture = _nose_and_eyes(face, picture, x, y, hair)
-    if face.stubble or face.moustache or face.beard:
-        around = _step(y - face.nose_y - 0.15, 0.15) * np.clip(1.5 - np.abs(x), 0, 1)
-        bare_chin = np.exp(-(((y - ol - 0.09) / 0.07) ** 2) - (x / 0.3) ** 2)
-        speckle = np.clip(0.5 + 0.7 * face.stubble_grain * _noise(rng, full, max(1.5, 0.018 * scale)), 0, 1)
-        picture = _blend(picture, hair, face.stubble * around * speckle * (1 - 0.5 * bare_chin))
-        strands = cv2.blur(
-            rng.standard_normal(full).astype(np.float32), (max(1, int(0.012 * scale)), max(3, int(0.09 * scale)))
-        )
-        strands = 1 + 0.35 * strands / max(strands.std(), 1e-6)
-        above = (
-            _step(ou + 0.05 - y, 0.06) * _step(y - face.nose_y - 0.12, 0.12) * _step(0.75 - np.abs(x) + 0.3 * y, 0.2)
-        )
-        below = _step(np.hypot(x / 0.95, (y - 0.1) / 0.75) - 0.72, 0.25) * _step(y + 0.25, 0.3)
-        below = np.maximum(below, _step(y - ol - 0.12, 0.1) * _step(0.5 - np.abs(x), 0.3))
-        growth = np.maximum(face.moustache * above, face.beard * below * _step(y - ol, 0.05))
-        growth = np.clip(growth * (0.6 + 0.4 * speckle), 0, 1)
-        picture = picture + growth[..., None] * (hair * strands[..., None] - picture)
-    # jaw, neck and what is behind
+    patchy = 0.25 * _noise(rng, full, 0.3 * scale)
+    on_lip = _step(np.minimum(y - ou, ol - y), 0.04) * (np.abs(x) < face.shape.width / 2)
+    around = _step(y - face.nose_y - 0.15 + 0.2 * patchy, 0.3) * np.clip(1.5 - np.abs(x), 0, 1) * (1 - on_lip)
+    bare_chin = np.exp(-(((y - ol - 0.09) / 0.07) ** 2) - (x / 0.3) ** 2)
+    speckle = np.clip(0.5 + 0.7 * face.stubble_grain * _noise(rng, full, max(1.5, 0.018 * scale)), 0, 1)
+    picture = _blend(picture, hair * lit, face.stubble * around * speckle * (1 - 0.5 * bare_chin))
+    strands = rng.standard_normal(full).astype(np.float32)
+    strands = cv2.blur(strands, (max(1, int(0.012 * scale)), max(3, int(0.09 * scale))))
+    strands = 1 + 0.35 * strands / max(float(strands.std()), 1e-6)
+    above = _step(ou + hang + 0.04 * strands - 0.04 - y, 0.05) * _step(y - face.nose_y - 0.12 + 0.2 * patchy, 0.15)
+    above *= _step(0.75 - np.abs(x) + 0.3 * y, 0.2)
+    below = _step(np.hypot(x / 0.95, (y - 0.1) / 0.75) - begins + 0.3 * patchy, 0.25) * _step(y + 0.6 + patchy, 0.8)
+    below = np.maximum(below, _step(y - ol - 0.12, 0.1) * _step(0.5 - np.abs(x), 0.3)) * (1 - on_lip)
+    growth = np.maximum(moustache * above, beard * below * _step(y - ou, 0.3))
+    growth = np.clip(growth * (0.6 + 0.4 * speckle), 0, 1) * (1 - opening)
+    return picture + growth[..., None] * (hair * strands[..., None] * lit - picture)
+
+
+def _tongue_out(face, picture, x, y, iu, ol, lit, full, scale, rng):
+    """A tongue over the lower lip; the opening's truth stays that of the lips."""
+    out, aside = face.tongue_out
+    middle = aside * np.clip(y - iu, 0, None)
+    end = float(ol.max()) + out
+    wide = 0.3 * np.sqrt(np.clip((end - y) / 0.25, 0, 1))
+    is_tongue = _step(wide - np.abs(x - middle), 0.02) * _step(y - iu - 0.35 * (end - iu), 0.03)
+    groove = 1 - 0.2 * np.exp(-(((x - middle) / 0.03) ** 2)) + 0.06 * _noise(rng, full, 0.06 * scale)
+    round_off = 1 - 0.35 * np.clip(np.abs(x - middle) / np.maximum(wide, 0.02), 0, 1) ** 3
+    colour = np.asarray(face.tongue, np.float32) * (groove * round_off)[..., None]
+    return _blend(picture, colour * (0.5 + 0.5 * lit), is_tongue)
+
+
+def _behind(face, picture, x, y, full, scale, rng):
+    """Jaw, neck and what is behind."""
     edge = face.jaw_width / 2 * np.sqrt(np.clip(1 - np.clip((y + 0.3) / (face.chin_y + 0.3), 0, 1) ** 2.4, 0, 1)) + 1e-3
     off = np.maximum(_step(np.abs(x) - edge, 0.05), _step(y - face.chin_y, 0.02))
     behind = np.asarray(face.background, np.float32) * (1 + 0.25 * _noise(rng, full, 0.35 * scale))[..., None]
@@ -324,16 +361,7 @@ def _skin(face, x, y, ou, ol, full, scale, rng):
     return _blend(picture, _blend(behind, throat, is_neck), off)
 
 
-def _nose_and_eyes(face, picture, x, y, hair):
-    # the tip of the nose shines and is red, the wings end in a crease, the ridge is lighter than its sides
-    tip = np.exp(-((x / 0.16) ** 2) - ((y - face.nose_y + 0.16) / 0.12) ** 2)
-    wing = np.hypot((np.abs(x) - 0.3 * face.nose_width) / (0.2 * face.nose_width), (y - face.nose_y + 0.1) / 0.15)
-    crease = np.exp(-(((wing - 1) / 0.18) ** 2)) * (np.abs(x) > 0.3 * face.nose_width) * (y < face.nose_y + 0.1)
-    above = _step(face.nose_y - y, 0.1)
-    sides = np.exp(-(((np.abs(x) - 0.32 * face.nose_width) / 0.1) ** 2)) * above
-    shine, red, dark = face.nose
-    picture = picture * (1 + shine * tip - 0.6 * dark * crease - 0.3 * dark * sides)[..., None]
-    picture = picture * np.stack([1 + 0.0 * tip, 1 - red * tip, 1 - red * tip], -1)
+def _eyes(face, picture, x, y, hair):
     # far above the mouth: seen only where a search looks in the wrong place
     eye_y = face.nose_y - face.eyes
     if y.min() < eye_y + 0.5:
@@ -350,32 +378,16 @@ def _nose_and_eyes(face, picture, x, y, hair):
     return picture
 
 
-def _lip_colour(face, x, y, ou, iu, il, ol, full, scale, rng):
+def _lip_colour(face, x, y, ou, iu, il, ol, lines, full, scale, rng):
     lip = np.asarray(face.lip, np.float32)
     upper = _step((iu + il) / 2 - y, 0.01)
-    tone = np.where(upper > 0.5, (1 - face.upper_dark) * face.upper_tint, face.lower_gain)
-    # rounded lips: darker towards the seam and the outer edge of the lower lip
-    up = np.clip((y - ou) / np.maximum(iu - ou, 1e-3), 0, 1)
-    low = np.clip((y - il) / np.maximum(ol - il, 1e-3), 0, 1)
-    tone = tone * np.where(upper > 0.5, 1 - face.seam_shade * up**3, 1 - 0.18 * (1 - low) ** 4 - 0.2 * low**4)
-    strength, length = face.bulge
-    tone = tone * (1 + strength * np.exp(-((x / length) ** 2) - ((low - 0.4) / 0.3) ** 2) * (upper < 0.5))
-    lines = rng.standard_normal(full[1]).astype(np.float32)
-    lines = np.convolve(lines, np.ones(max(1, int(0.02 * scale))) / np.sqrt(max(1, int(0.02 * scale))), "same")
+    tone = np.where(upper > 0.5, face.upper_tint, face.lower_gain)
     tone = tone * (1 + face.creases * (lines[None, :] + 0.5 * _noise(rng, full, 0.05 * scale)))
     tint = face.lip_mottle * _noise(rng, full, 0.07 * scale)
     colour = lip * tone[..., None] * np.stack([1 + 0.3 * tint, 1 - tint, 1 - 0.7 * tint], -1)
     bright, red, rim_width = face.rim
     at_rim = np.exp(-(np.minimum(np.abs(y - iu), np.abs(y - il)) / rim_width))
-    colour = colour * (1 + at_rim[..., None] * (np.array([bright, bright * red, bright * red], np.float32) - 1))
-    strength, length, height, place = face.gloss
-    if strength > 0:
-        patch = np.exp(-(((x - 0.05) / (2 * length)) ** 4) - ((low - place) / (8 * height)) ** 2) * (upper < 0.5)
-        patch += 0.5 * np.exp(-(((np.abs(x) - 0.12) / length) ** 2) - ((up - 0.35) / (6 * height)) ** 2) * (upper > 0.5)
-        broken = 0.6 + 0.4 * lines[None, :] + 0.4 * _noise(rng, full, 0.05 * scale)
-        patch *= np.clip(1 + face.streaks * (broken - 1), 0, 1)
-        colour = colour + (strength * patch)[..., None] * (1 - colour)
-    return colour
+    return colour * (1 + at_rim[..., None] * (np.array([bright, bright * red, bright * red], np.float32) - 1))
 
 
 def _mouth_colour(face, x, y, iu, il, full, scale, rng):
@@ -409,12 +421,16 @@ def _mouth_colour(face, x, y, iu, il, full, scale, rng):
             gum = _step(face.gums + 0.015 * np.cos(2 * np.pi * phase) - from_lip, 0.01)
             tooth = _blend(tooth, np.asarray(face.tongue, np.float32) * 1.05, gum)
         colour = _blend(colour, tooth, _step(edge, 0.012) * _step(reach - np.abs(x), 0.06))
-    return colour
-
-
-def _light(face, x, y):
-    strength, place, soft = face.side_shadow
-    return np.clip(1 + face.light[0] * x + face.light[1] * y, 0.15, 2) * (1 - strength * _step(x - place, soft))
+    # light falls in past the upper lip, or from below past the lower one
+    light = face.light
+    toward = np.asarray(light.direction) / np.linalg.norm(light.direction)
+    deep = 0.07 * abs(toward[1]) / max(toward[2], 0.2)
+    from_lip = (y - iu) if toward[1] < 0 else (il - y)
+    lamp = (1 - light.sky) * toward[2] * (1 - light.hardness * _step(deep - from_lip, 0.06))
+    return colour * np.sqrt(
+        0.85 * light.sky * np.asarray(light.sky_colour, np.float32)
+        + lamp[..., None] * np.asarray(light.lamp_colour, np.float32)
+    )
 
 
 def photograph(picture: np.ndarray, camera: Camera, rng: np.random.Generator) -> np.ndarray:
@@ -429,6 +445,8 @@ def photograph(picture: np.ndarray, camera: Camera, rng: np.random.Generator) ->
         out = cv2.resize(out, small, interpolation=cv2.INTER_AREA)
     if camera.blur_px > 0:
         out = cv2.GaussianBlur(out, (0, 0), camera.blur_px)
+    if camera.sharpen > 0:
+        out = out + camera.sharpen * (out - cv2.GaussianBlur(out, (0, 0), 1.5))
     out = out + camera.noise * rng.standard_normal(out.shape).astype(np.float32)
     out = np.clip(255 * out + 0.5, 0, 255).astype(np.uint8)
     if camera.jpeg < 100:
@@ -481,16 +499,58 @@ def random_shape(rng: np.random.Generator, closed: bool | None = None) -> Shape:
         gap=gap,
         span=span,
         side=rng.uniform(0.03, 0.2),
-        roundness=rng.uniform(0.45, 1.3),
+        roundness=rng.uniform(0.45, 1.1),
         upper=upper,
         lower=lower,
-        bow=rng.uniform(0.0, 0.6),
+        bow=rng.uniform(0.0, 0.45),
         smile=smile,
         skew=rng.normal(0, 0.02),
         tubercle=rng.uniform(-0.01, 0.04),
         wobble=tuple(rng.normal(0, (0.006, 0.004, 0.002))),
         glued=glued,
         yaw=float(np.clip(rng.normal(0, 0.12), -0.35, 0.35)),
+    )
+
+
+def random_relief(shape: Shape, rng: np.random.Generator) -> Relief:
+    """Heights of a face: full lips stand out more, a smile lifts the cheeks."""
+    return Relief(
+        curve=rng.uniform(0.15, 0.42),
+        muzzle=rng.uniform(0.0, 0.22),
+        upper_lip=rng.uniform(0.2, 0.9) * shape.upper,
+        lower_lip=rng.uniform(0.3, 0.9) * shape.lower,
+        sulcus=(rng.uniform(0, 0.09), rng.uniform(0.08, 0.2)),
+        chin=(rng.uniform(0, 0.17), rng.uniform(0.33, 0.6)),
+        philtrum=rng.uniform(0, 0.025),
+        nose=rng.uniform(0.2, 0.5),
+        nose_round=rng.uniform(0.12, 0.32),
+        wings=rng.uniform(0.05, 0.22),
+        cheek=(rng.uniform(0, 0.07) + max(rng.uniform(0, 0.5) * shape.smile, 0), rng.uniform(0.12, 0.5)),
+        fold=(rng.uniform(0.3, 0.5), rng.uniform(0.25, 0.42)),
+        dimple=rng.uniform(0, 0.04),
+        lines=rng.uniform(0, 0.16),
+        rough=rng.uniform(0, 0.06),
+    )
+
+
+def random_light(rng: np.random.Generator) -> Light:
+    """Light in rooms, studios and the open: mostly from above, from one side, or a flash."""
+    from_below = rng.random() < 0.1
+    warm = rng.normal(0, (0.08, 0.1))
+    return Light(
+        direction=(
+            rng.normal(0, 0.5),
+            abs(rng.normal(0.3, 0.2)) if from_below else -abs(rng.normal(0.5, 0.35)),
+            rng.uniform(0.3, 1.2),
+        ),
+        sky=rng.uniform(0.15, 0.85),
+        lamp_colour=(1 + warm[0], 1.0, 1 - warm[0]),
+        sky_colour=(1 + warm[1], 1.0, 1 - warm[1]),
+        scatter=rng.uniform(0.1, 0.6),
+        hardness=rng.uniform(0, 1),
+        hollow=rng.uniform(0.4, 2.0),
+        skin_shine=(rng.uniform(0, 0.2), rng.uniform(4, 30)),
+        lip_shine=(rng.uniform(0, 0.5) if rng.random() < 0.8 else 0.0, rng.uniform(6, 60)),
     )
 
 
@@ -501,11 +561,11 @@ def random_face(rng: np.random.Generator, closed: bool | None = None) -> Face:
     """A face over the human range of tones, lip colours, beards, teeth and light."""
     shape = random_shape(rng, closed)
     tone = rng.uniform(0, 4)
-    skin = np.array([np.interp(tone, range(5), _SKINS[:, c]) for c in range(3)]) * rng.normal(1, 0.05, 3)
+    skin = np.array([np.interp(tone, range(5), _SKINS[:, c]) for c in range(3)]) * rng.normal(0.9, 0.05, 3)
     ruddy = rng.uniform(0, 1)
     lip = skin * (
         rng.uniform(0.76, 1.0),
-        rng.uniform(0.66, 0.84) - 0.14 * ruddy,
+        rng.uniform(0.62, 0.84) - 0.16 * ruddy,
         rng.uniform(0.7, 0.95) - 0.14 * ruddy,
     )
     if rng.random() < 0.2:  # lipstick
@@ -515,15 +575,14 @@ def random_face(rng: np.random.Generator, closed: bool | None = None) -> Face:
     lower_shown = rng.random() < 0.3
     bearded = rng.random()
     cavity = rng.uniform(0.01, 0.16) * np.array([1, rng.uniform(0.4, 0.9), rng.uniform(0.4, 0.9)])
-    gloss = (rng.uniform(0.05, 0.6), rng.uniform(0.03, 0.25), rng.uniform(0.01, 0.07), rng.uniform(0.1, 0.65))
-    teeth = np.array([0.92, rng.uniform(0.84, 0.91), rng.uniform(0.66, 0.9)]) * rng.uniform(0.5, 1.08)
+    teeth = np.array([0.92, rng.uniform(0.84, 0.91), rng.uniform(0.66, 0.9)]) * rng.uniform(0.7, 1.2)
     return Face(
         shape=shape,
         skin=tuple(np.clip(skin, 0.03, 1)),
         lip=tuple(np.clip(lip, 0.02, 1)),
         lower_gain=rng.uniform(0.9, 1.15 + 0.08 * tone),
         lip_edge=rng.uniform(0.005, 0.1),
-        teeth=tuple(np.clip(teeth + rng.uniform(0, 0.35) * (skin * teeth.mean() - teeth), 0, 1)),
+        teeth=tuple(np.clip(teeth + rng.uniform(0, 0.2) * (skin * teeth.mean() - teeth), 0, 1.1)),
         tongue=tuple(np.array([0.75, rng.uniform(0.32, 0.5), rng.uniform(0.33, 0.5)]) * rng.uniform(0.5, 1.05)),
         cavity=tuple(cavity),
         upper_teeth=(rng.uniform(0.4, 1.7) * gap if gap < 0.25 else rng.uniform(0.03, 0.22)) if teeth_shown else 0.0,
@@ -534,33 +593,21 @@ def random_face(rng: np.random.Generator, closed: bool | None = None) -> Face:
         seam=(rng.uniform(0.1, 0.85), rng.uniform(0.006, 0.03))
         if rng.random() < 0.8
         else (rng.uniform(0.1, 0.5), 0.05),
-        corner_dark=rng.uniform(0, 0.6),
-        light=(rng.normal(0, 0.15), rng.normal(-0.05, 0.12)),
+        corner_dark=rng.uniform(0, 0.45),
+        relief=random_relief(shape, rng),
+        light=random_light(rng),
+        turn=tuple(np.clip(rng.normal(0, (0.17, 0.12)), -0.5, 0.4)),
         side_shadow=(rng.uniform(0.2, 0.75), rng.uniform(-0.8, 0.8), rng.uniform(0.2, 1.0))
-        if rng.random() < 0.12
+        if rng.random() < 0.06
         else (0, 0, 1),
-        below_lip=(rng.uniform(0, 0.65), rng.uniform(0.04, 0.16), rng.uniform(0.25, 0.7)),
-        chin_light=(rng.uniform(0, 0.4), rng.uniform(0.15, 0.5)),
-        philtrum=(rng.uniform(0, 0.35), rng.uniform(0.08, 0.45)),
-        shadow_red=rng.uniform(-0.05, 0.4),
-        upper_dark=rng.uniform(-0.1, 0.3),
-        upper_tint=rng.uniform(0.6, 1.0) if tone > 2.5 else rng.uniform(0.88, 1.05),
-        bulge=(rng.uniform(0, 0.5), rng.uniform(0.12, 0.5)),
-        seam_shade=rng.uniform(-0.1, 0.35),
-        gloss=gloss if rng.random() < 0.7 else (0, 0.1, 0.05, 0.4),
-        streaks=rng.uniform(0.2, 1.3),
+        upper_tint=rng.uniform(0.6, 1.0) if tone > 2.5 else rng.uniform(0.85, 1.05),
         rim=(rng.uniform(0.75, 1.15), rng.uniform(0.75, 1.05), rng.uniform(0.01, 0.04)),
-        creases=rng.uniform(0, 0.1),
-        lip_mottle=rng.uniform(0, 0.14),
-        folds=rng.uniform(-0.1, 0.35),
-        fold_width=rng.uniform(0.03, 0.15),
-        nose_y=-rng.uniform(0.42, 0.85),
+        creases=rng.uniform(0, 0.14),
+        lip_mottle=rng.uniform(0, 0.2),
+        nose_y=-rng.uniform(0.36, 0.75),
         nostril=rng.uniform(0.1, 0.9),
-        nose=(rng.uniform(-0.1, 0.4), rng.uniform(-0.03, 0.25), rng.uniform(0, 0.9)),
+        nose_red=rng.uniform(-0.03, 0.2),
         eyes=rng.uniform(0.7, 1.2),
-        nose_shadow=(rng.uniform(0.05, 0.45), rng.uniform(0.1, 0.5), rng.normal(0, 0.4))
-        if rng.random() < 0.4
-        else (0, 0, 0),
         jaw_shadow=rng.uniform(0, 0.6),
         blots=tuple(
             (
@@ -572,16 +619,17 @@ def random_face(rng: np.random.Generator, closed: bool | None = None) -> Face:
             )
             for _ in range(rng.integers(0, 5))
         ),
-        nose_width=rng.uniform(0.5, 0.85),
-        chin_y=rng.uniform(0.75, 1.4) + 0.8 * shape.gap[1],
-        jaw_width=rng.uniform(1.7, 3.0),
+        nose_width=rng.uniform(0.55, 0.95),
+        chin_y=rng.uniform(0.7, 1.35) + 0.8 * shape.gap[1],
+        jaw_width=rng.uniform(1.9, 3.6),
         background=tuple(rng.uniform(0.02, 0.95) * rng.uniform(0.6, 1.2, 3)),
         neck=rng.uniform(0.4, 1.0),
-        mottle=rng.uniform(0.01, 0.08),
+        mottle=rng.uniform(0.01, 0.06),
         stubble=rng.uniform(0.1, 0.5) if bearded < 0.35 else 0.0,
         stubble_grain=rng.uniform(0, 1.2),
-        moustache=rng.uniform(0.4, 1) if bearded < 0.13 else 0.0,
-        beard=rng.uniform(0.4, 1) if bearded < 0.10 or 0.13 < bearded < 0.17 else 0.0,
+        moustache=(rng.uniform(0.3, 1) if bearded < 0.14 else 0.0, rng.uniform(-0.04, 0.09)),
+        beard=(rng.uniform(0.3, 1) if bearded < 0.11 or 0.14 < bearded < 0.18 else 0.0, rng.uniform(0.6, 0.95)),
+        tongue_out=(rng.uniform(-0.05, 0.5) if gap > 0.1 and rng.random() < 0.04 else 0.0, rng.normal(0, 0.2)),
         hair=tuple(rng.uniform(0.02, 0.6) * np.array([1, rng.uniform(0.7, 1), rng.uniform(0.5, 1)])),
         occluder=(rng.normal(0, 0.8), rng.uniform(0.2, 1.2), rng.uniform(0.1, 0.35), rng.uniform(0.5, 1.3))
         if rng.random() < 0.02
@@ -592,12 +640,13 @@ def random_face(rng: np.random.Generator, closed: bool | None = None) -> Face:
 def random_camera(rng: np.random.Generator) -> Camera:
     """A camera over phones, web cams, television and old photographs."""
     return Camera(
-        gains=tuple(np.exp(rng.normal(0, (0.1, 0.05, 0.12)))),
-        exposure=float(np.exp(rng.normal(0.0, 0.2))),
+        gains=tuple(np.exp(rng.normal(0, (0.08, 0.04, 0.1)))),
+        exposure=float(np.exp(rng.normal(0.12, 0.22))),
         contrast=rng.uniform(0.7, 1.4),
         saturation=0.0 if rng.random() < 0.04 else rng.uniform(0.5, 1.5),
         blur_px=rng.uniform(0.0, 0.9),
         noise=abs(rng.normal(0, 0.012)),
-        coarse=1.0 if rng.random() < 0.6 else rng.uniform(0.5, 1.0),
-        jpeg=int(rng.integers(55, 100)),
+        sharpen=rng.uniform(0, 1.2) if rng.random() < 0.5 else 0.0,
+        coarse=1.0 if rng.random() < 0.6 else rng.uniform(0.4, 1.0),
+        jpeg=int(rng.integers(45, 100)),
     )

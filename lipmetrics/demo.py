@@ -21,7 +21,7 @@ FPS = 25
 SIZE = (360, 480)  # rows, columns: a face from nose to chin
 MOUTH_WIDTH_PX = 150.0
 CENTRE = (160.0, 236.0)  # row, column
-FACE = Face(light=(0.0, 0.0), jaw_width=2.3, upper_teeth=0.08, cavity=(0.12, 0.05, 0.05))
+FACE = Face(jaw_width=2.3, upper_teeth=0.08, cavity=(0.12, 0.05, 0.05))
 
 
 def demo(folder: Path, *, method: str = "default", progress: bool = False) -> dict:

@@ -9,7 +9,7 @@ import numpy as np
 from lipmetrics.artificial import Camera, Drawing, Face, Shape, draw
 from lipmetrics.outline import fill_outlines
 
-PLAIN = Face(light=(0.0, 0.0), jaw_width=2.3)
+PLAIN = Face(jaw_width=2.3)
 
 
 def opened(height_mw: float, **shape) -> Shape:

@@ -172,3 +172,47 @@ def test_the_camera_does_what_its_fields_say():
 def test_faces_can_be_compared_and_kept():
     assert random_face(np.random.default_rng(4)) == random_face(np.random.default_rng(4))
     assert len(astuple(random_face(np.random.default_rng(4)))) == len(astuple(Face()))
+
+
+@pytest.mark.parametrize("turn", [(0.3, 0.0), (-0.3, 0.0), (0.0, 0.25), (0.25, -0.2)])
+def test_a_turned_head_shows_its_mouth_where_its_corners_say(turn):
+    face = Face(shape=opened(0.25), turn=turn)
+    front = draw(replace(face, turn=(0.0, 0.0)), SIZE, MOUTH_PX, roll_rad=0.2)
+    turned = draw(face, SIZE, MOUTH_PX, roll_rad=0.2)
+    lips = np.argwhere(turned.lip > 0.5)
+    ends = lips[lips[:, 1].argmin()], lips[lips[:, 1].argmax()]
+    assert np.array(ends) == pytest.approx(turned.corners, abs=3)
+    widths = [np.hypot(*(d.corners[1] - d.corners[0])) for d in (front, turned)]
+    assert widths[1] / widths[0] == pytest.approx(np.cos(turn[0]), rel=0.02)
+    assert turned.opening.sum() / front.opening.sum() == pytest.approx(np.cos(turn[0]) * np.cos(turn[1]), rel=0.15)
+
+
+def test_a_head_turned_aside_shows_more_of_one_half():
+    left, right = (
+        draw(Face(shape=opened(0.25), turn=(turn, 0.0)), SIZE, MOUTH_PX, centre=(60.0, 75.0)).lip.sum(axis=0)
+        for turn in (0.35, -0.35)
+    )
+    middle = (SIZE[1] - 1) / 2
+    halves = [abs(np.flatnonzero(side > 0.5) - middle).max() for side in (left[75:], left[:75], right[75:], right[:75])]
+    assert left[75:].sum() != pytest.approx(left[:75].sum(), rel=0.1)
+    assert left[75:].sum() == pytest.approx(right[74::-1].sum(), rel=0.1), halves
+
+
+def test_hair_hides_the_skin_and_leaves_the_truth():
+    bare, bearded = (
+        draw(Face(shape=opened(0.2), moustache=hair, beard=hair), SIZE, MOUTH_PX) for hair in ((0.0, 0.6), (1.0, 0.05))
+    )
+    assert np.array_equal(bare.opening, bearded.opening)
+    above = np.s_[33:43, 65:85]  # between nose and lip
+    assert bearded.picture[above].mean() < 0.6 * bare.picture[above].mean()
+
+
+def test_a_tongue_put_out_hides_the_lower_lip_and_leaves_the_truth():
+    inside, out = (
+        draw(Face(shape=opened(0.3), tongue_out=tongue), SIZE, MOUTH_PX) for tongue in ((0.0, 0.0), (0.3, 0.0))
+    )
+    assert np.array_equal(inside.opening, out.opening)
+    lower = (inside.lower > 0.9) & (np.abs(np.arange(SIZE[1]) - 74.5) < 8)
+    changed = np.abs(inside.picture.astype(int) - out.picture).max(axis=2)
+    assert (changed[lower] > 5).mean() > 0.8
+    assert np.median(changed[:35, 60:90]) < 8
