@@ -98,7 +98,9 @@ def coarse_inputs(canvas: np.ndarray, region: Region | None = None) -> np.ndarra
 
 def fine_inputs(canvas: np.ndarray, coarse: np.ndarray, region: Region | None = None) -> np.ndarray:
     """The maps that the fine forest sees, of a canvas (*CANVAS, 3) uint8 RGB and its coarse log-odds (3, *COARSE)."""
-    enlarged = np.stack([cv2.resize(plane, CANVAS[::-1]) for plane in coarse])
+    enlarged = np.empty((len(coarse), *CANVAS), np.float32)
+    for plane, target in zip(coarse, enlarged, strict=True):
+        cv2.resize(plane, CANVAS[::-1], dst=target)
     ratios = features.log_ratios(canvas)
     middles = features.references(ratios, enlarged[LIP], enlarged[OPENING], _oval())
     return features.fine_maps(ratios, middles, enlarged, region)
