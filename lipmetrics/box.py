@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
+
+from lipmetrics.pixels import averaged
 
 CANVAS = (112, 128)  # rows, columns of the fine canvas
 COARSE = (63, 72)  # the same cut of the picture, for the coarse stage
@@ -31,9 +34,13 @@ class Box:
 
     def to_picture(self, points: np.ndarray) -> np.ndarray:
         """Canvas points (n, 2) (row, column) in the picture."""
-        rows, cols = (np.asarray(points, float) - (np.array(CANVAS) - 1) / 2).T * self.scale
-        cos, sin = np.cos(self.roll_rad), np.sin(self.roll_rad)
-        return np.column_stack([self.row + rows * cos + cols * sin, self.col + cols * cos - rows * sin])
+        points = np.asarray(points, float)
+        rows, cols = points[:, 0] - (CANVAS[0] - 1) / 2, points[:, 1] - (CANVAS[1] - 1) / 2
+        cos, sin = self.scale * math.cos(self.roll_rad), self.scale * math.sin(self.roll_rad)
+        out = np.empty(points.shape)
+        out[:, 0] = self.row + rows * cos + cols * sin
+        out[:, 1] = self.col + cols * cos - rows * sin
+        return out
 
     def to_canvas(self, points: np.ndarray) -> np.ndarray:
         """Picture points (n, 2) (row, column) on the canvas."""
@@ -47,30 +54,41 @@ def lay_canvas(frame, box: Box, size: tuple[int, int] = CANVAS) -> np.ndarray | 
 
     Only the part of the frame under the canvas is converted to RGB. Beyond the picture its edge is repeated.
     """
-    high, wide = CANVAS[0] - 1, CANVAS[1] - 1
-    hull = box.to_picture(np.array([(0, 0), (0, wide), (high, 0), (high, wide)]))
+    cos, sin = math.cos(box.roll_rad), math.sin(box.roll_rad)
+    high, wide = box.scale * (CANVAS[0] - 1) / 2, box.scale * (CANVAS[1] - 1) / 2
+    down, across = high * abs(cos) + wide * abs(sin), wide * abs(cos) + high * abs(sin)
     margin = 2 + box.scale
-    low = np.floor(hull.min(axis=0) - margin).astype(int)
-    top = np.ceil(hull.max(axis=0) + margin).astype(int) + 1
-    row0, col0 = np.maximum(low, 0)
-    row1, col1 = np.minimum(top, (frame.height, frame.width))
+    # an even start keeps blocks of pixels together that share their chroma
+    row0, row1 = (
+        max(math.floor(box.row - down - margin), 0) & -2,
+        min(math.ceil(box.row + down + margin) + 1, frame.height),
+    )
+    col0, col1 = (
+        max(math.floor(box.col - across - margin), 0) & -2,
+        min(math.ceil(box.col + across + margin) + 1, frame.width),
+    )
     if row1 - row0 < 2 or col1 - col0 < 2:
         return None
-    patch = frame.rgb((int(row0), int(row1), int(col0), int(col1)))
     step = box.scale * CANVAS[1] / size[1]  # picture px per px of the result
-    shrink = max(1, int(step))  # averaging first: picking every n-th pixel would alias
-    if shrink > 1:
-        small = (max(1, patch.shape[1] // shrink), max(1, patch.shape[0] // shrink))
-        patch = cv2.resize(patch[: small[1] * shrink, : small[0] * shrink], small, interpolation=cv2.INTER_AREA)
-    cos, sin = np.cos(box.roll_rad), np.sin(box.roll_rad)
-    turn = step * np.array([[cos, -sin], [sin, cos]])  # canvas (x, y) to picture (x, y)
-    middle = np.array([(size[1] - 1) / 2, (size[0] - 1) / 2])
-    offset = np.array([box.col - col0, box.row - row0]) - turn @ middle
-    matrix = np.column_stack([turn / shrink, (offset + 0.5) / shrink - 0.5])
+    # averaging first: picking every n-th pixel would alias
+    shrink = min(max(1, int(step)), row1 - row0, col1 - col0)
+    patch = _averaged(frame, (row0, row1, col0, col1), shrink)
+    # canvas (x, y) to picture (x, y) to patch
+    x, y = (size[1] - 1) / 2, (size[0] - 1) / 2
+    left = (box.col - col0 - step * (cos * x - sin * y) + 0.5) / shrink - 0.5
+    top = (box.row - row0 - step * (sin * x + cos * y) + 0.5) / shrink - 0.5
+    ratio = step / shrink
     return cv2.warpAffine(
         patch,
-        matrix,
+        np.array([[ratio * cos, -ratio * sin, left], [ratio * sin, ratio * cos, top]]),
         (size[1], size[0]),
         flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
         borderMode=cv2.BORDER_REPLICATE,
     )
+
+
+def _averaged(frame, region: tuple[int, int, int, int], shrink: int) -> np.ndarray:
+    """Means over shrink x shrink px of a region, by the frame itself if it knows a short way; RGB uint8."""
+    if hasattr(frame, "averaged"):
+        return frame.averaged(region, shrink)
+    return averaged(frame.rgb(region), shrink)
