@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 import cv2
+import numba
 import numpy as np
 
 from lipmetrics.pixels import averaged
@@ -92,3 +93,34 @@ def _averaged(frame, region: tuple[int, int, int, int], shrink: int) -> np.ndarr
     if hasattr(frame, "averaged"):
         return frame.averaged(region, shrink)
     return averaged(frame.rgb(region), shrink)
+
+
+def nine_of_sixteen(picture: np.ndarray) -> np.ndarray:
+    """A picture (16 m, 16 n, 3) uint8 averaged over its area down to (9 m, 9 n, 3), as CANVAS is to COARSE."""
+    rows, cols = 9 * picture.shape[0] // 16, 9 * picture.shape[1] // 16
+    out = np.empty((rows, cols, 3), np.uint8)
+    _nine_of_sixteen(picture.reshape(len(picture), -1), out.reshape(rows, -1))
+    return out
+
+
+@numba.njit(cache=True, nogil=True)
+def _nine_of_sixteen(picture, out):
+    """A pixel of the result covers 16 ninths of a pixel, which lie in 2 or 3 pixels; rows of both are flat."""
+    down, width = np.empty(picture.shape[1] + 3, np.uint16), picture.shape[1]
+    for i in range(out.shape[0]):
+        down[:] = 0
+        for r in range(16 * i // 9, (16 * i + 15) // 9 + 1):
+            share = np.uint16(min(9 * r + 9, 16 * i + 16) - max(9 * r, 16 * i))
+            line = picture[r]
+            for j in range(width):
+                down[j] += share * line[j]
+        line = out[i]
+        for j in range(line.size // 3):
+            c = 16 * j // 9
+            first = 9 * c + 9 - 16 * j
+            second = min(9, 16 - first)
+            third = 16 - first - second  # 0 where the pixel ends with the second
+            for k in range(3):
+                at = 3 * c + k
+                total = first * down[at] + second * down[at + 3] + third * down[min(at + 6, width)]
+                line[3 * j + k] = (total + 127 + (total >> 8 & 1)) >> 8  # a half goes to the even number, as in OpenCV
