@@ -9,7 +9,7 @@ import cv2
 import numba
 import numpy as np
 
-from lipmetrics.pixels import averaged
+from lipmetrics.pixels import averaged_region
 
 CANVAS = (112, 128)  # rows, columns of the fine canvas
 COARSE = (63, 72)  # the same cut of the picture, for the coarse stage
@@ -60,20 +60,15 @@ def lay_canvas(frame, box: Box, size: tuple[int, int] = CANVAS) -> np.ndarray | 
     down, across = high * abs(cos) + wide * abs(sin), wide * abs(cos) + high * abs(sin)
     margin = 2 + box.scale
     # an even start keeps blocks of pixels together that share their chroma
-    row0, row1 = (
-        max(math.floor(box.row - down - margin), 0) & -2,
-        min(math.ceil(box.row + down + margin) + 1, frame.height),
-    )
-    col0, col1 = (
-        max(math.floor(box.col - across - margin), 0) & -2,
-        min(math.ceil(box.col + across + margin) + 1, frame.width),
-    )
+    row0, col0 = (max(math.floor(start), 0) & -2 for start in (box.row - down - margin, box.col - across - margin))
+    row1 = min(math.ceil(box.row + down + margin) + 1, frame.height)
+    col1 = min(math.ceil(box.col + across + margin) + 1, frame.width)
     if row1 - row0 < 2 or col1 - col0 < 2:
         return None
     step = box.scale * CANVAS[1] / size[1]  # picture px per px of the result
     # averaging first: picking every n-th pixel would alias
     shrink = min(max(1, int(step)), row1 - row0, col1 - col0)
-    patch = _averaged(frame, (row0, row1, col0, col1), shrink)
+    patch = averaged_region(frame, (row0, row1, col0, col1), shrink)
     # canvas (x, y) to picture (x, y) to patch
     x, y = (size[1] - 1) / 2, (size[0] - 1) / 2
     left = (box.col - col0 - step * (cos * x - sin * y) + 0.5) / shrink - 0.5
@@ -86,13 +81,6 @@ def lay_canvas(frame, box: Box, size: tuple[int, int] = CANVAS) -> np.ndarray | 
         flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
         borderMode=cv2.BORDER_REPLICATE,
     )
-
-
-def _averaged(frame, region: tuple[int, int, int, int], shrink: int) -> np.ndarray:
-    """Means over shrink x shrink px of a region, by the frame itself if it knows a short way; RGB uint8."""
-    if hasattr(frame, "averaged"):
-        return frame.averaged(region, shrink)
-    return averaged(frame.rgb(region), shrink)
 
 
 def nine_of_sixteen(picture: np.ndarray) -> np.ndarray:

@@ -10,6 +10,7 @@ import numpy as np
 
 from lipmetrics.errors import InputError
 from lipmetrics.look import Look
+from lipmetrics.pixels import averaged_region
 
 # name -> module with make_detector(settings or None, info) -> object with .look(frame) -> Look and .settings
 METHODS = {"default": "lipmetrics.lips", "thesis": "lipmetrics.mask"}
@@ -61,7 +62,7 @@ class _Window:
         return self._frame.rgb(self._in_picture(region or (0, self.height, 0, self.width)))
 
     def averaged(self, region, shrink: int) -> np.ndarray:
-        return self._frame.averaged(self._in_picture(region), shrink)
+        return averaged_region(self._frame, self._in_picture(region), shrink)
 
     def _in_picture(self, region) -> tuple[int, int, int, int]:
         top, left = self._roi[0], self._roi[2]

@@ -153,6 +153,13 @@ def averaged(pixels: np.ndarray, shrink: int) -> np.ndarray:
     return cv2.resize(pixels[: high * shrink, : wide * shrink], (wide, high), interpolation=cv2.INTER_AREA)
 
 
+def averaged_region(frame, region: tuple[int, int, int, int], shrink: int) -> np.ndarray:
+    """Means of `frame.rgb(region)` over blocks, by the frame itself where it knows a shorter way."""
+    if hasattr(frame, "averaged"):
+        return frame.averaged(region, shrink)
+    return averaged(frame.rgb(region), shrink)
+
+
 def _stored_region(region: tuple[int, int, int, int], turn: Turn, height: int, width: int) -> tuple[int, int, int, int]:
     row0, row1, col0, col1 = region
     if turn.flip_rows:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import cv2
 import numba
 import numpy as np
 
@@ -18,28 +17,58 @@ def likeliest_region(
     -------
     mask (*size) bool, and (left, top, width, height, area) of the region in px of the canvas; None without any
     """
-    count, labels, stats, _ = cv2.connectedComponentsWithStats((odds > 0).view(np.uint8), connectivity=4)
-    if count < 2:
-        return None
     mask = np.zeros(size, np.bool_)
     row, col = place
-    best = _mark_likeliest(labels, odds, weight, count, mask[row : row + odds.shape[0], col : col + odds.shape[1]])
-    left, top, width, height, area = stats[best].tolist()
-    return mask, (left + col, top + row, width, height, area)
+    extent = _mark_likeliest(odds, weight, mask[row : row + odds.shape[0], col : col + odds.shape[1]])
+    left, top, width, height, area = extent
+    return (mask, (left + col, top + row, width, height, area)) if area else None
 
 
 @numba.njit(cache=True, nogil=True)
-def _mark_likeliest(labels, odds, weight, count, mask):
-    score = np.zeros(count)
-    for i in range(labels.shape[0]):
-        for j in range(labels.shape[1]):
-            if labels[i, j] > 0:
-                score[labels[i, j]] += weight[i, j] * min(odds[i, j], np.float32(3))
-    best = score.argmax()
-    for i in range(labels.shape[0]):
-        for j in range(labels.shape[1]):
-            mask[i, j] = labels[i, j] == best
-    return best
+def _root(parent, k):
+    while parent[k] != k:
+        parent[k] = parent[parent[k]]
+        k = parent[k]
+    return k
+
+
+@numba.njit(cache=True, nogil=True)
+def _mark_likeliest(odds, weight, mask):
+    """Regions by joining what touches, first above and to the left; the mask, zeros, becomes True in the likeliest."""
+    rows, cols = odds.shape
+    labels, parent, score = np.zeros((rows, cols), np.int32), np.zeros(rows * cols // 2 + 2, np.int32), [0.0]
+    for i in range(rows):
+        for j in range(cols):
+            if not odds[i, j] > 0:
+                continue
+            above = labels[i - 1, j] if i > 0 else np.int32(0)
+            before = labels[i, j - 1] if j > 0 else np.int32(0)
+            label = above if above else before
+            if not label:
+                label = np.int32(len(score))
+                parent[label] = label
+                score.append(0.0)
+            elif above and before and above != before:
+                first, second = _root(parent, above), _root(parent, before)
+                parent[max(first, second)] = min(first, second)
+            labels[i, j] = label
+            score[label] += weight[i, j] * min(odds[i, j], np.float32(3))
+    best, n = 0, len(score)
+    for k in range(n - 1, 0, -1):  # a root has a lower number than what hangs on it
+        if parent[k] != k:
+            score[_root(parent, k)] += score[k]
+            score[k] = 0.0
+    for k in range(1, n):
+        if best == 0 or score[k] > score[best]:
+            best = k
+    top, bottom, left, right, area = rows, 0, cols, 0, 0
+    for i in range(rows):
+        for j in range(cols):
+            if labels[i, j] and _root(parent, labels[i, j]) == best:
+                mask[i, j] = True
+                area += 1
+                top, bottom, left, right = min(top, i), i + 1, min(left, j), max(right, j + 1)
+    return left, top, right - left, bottom - top, area
 
 
 @numba.njit(cache=True, nogil=True)
