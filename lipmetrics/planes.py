@@ -64,6 +64,36 @@ def averaged_rgb(
     return out
 
 
+@numba.njit(inline="always")
+def _row_sums(plane, row, count, row_shift, first, out):
+    for j in range(out.size):
+        out[j] = 0
+    for r in range(row, row + count):
+        line = plane[r >> row_shift, first : first + out.size]
+        for j in range(out.size):
+            out[j] += line[j]
+
+
+@numba.njit(inline="always")
+def _means_of(sums, down, across, windows, picked, out):
+    """Means in eighths of `across` neighbours of sums over `down` rows; windows, picked : room for their sums."""
+    if across == 1:
+        for j in range(out.size):
+            picked[j] = sums[j]
+    else:
+        for j in range(windows.size):
+            windows[j] = sums[j]
+        for k in range(1, across):
+            later = sums[k:]
+            for j in range(windows.size):
+                windows[j] += later[j]
+        for j in range(out.size):
+            picked[j] = windows[j * across]
+    share = np.float32(8 / (down * across))
+    for j in range(out.size):
+        out[j] = np.int16(np.float32(picked[j]) * share + np.float32(0.5))
+
+
 @numba.njit(cache=True, nogil=True)
 def _block_means(plane, row, col, row_shift, col_shift, shrink, out):
     """Means in eighths of blocks that begin at row, col, of a plane that has 1 sample for 2**shift rows or columns."""
@@ -76,8 +106,7 @@ def _block_means(plane, row, col, row_shift, col_shift, shrink, out):
     first, last = col >> col_shift, (col + across * width - 1) >> col_shift
     down_sums = np.empty(last + 1 - first, np.uint16)
     sums = np.empty(2 * down_sums.size, np.uint16) if col_shift else down_sums
-    narrow = np.empty(across * (width - 1) + 1, np.uint16)
-    wide = np.empty(narrow.size if 255 * down * across >= 1 << 16 else 0, np.uint32)
+    windows, picked = np.empty(across * (width - 1) + 1, np.int32), np.empty(width, np.int32)
     for i in range(height):
         _row_sums(plane, row + i * down, down, row_shift, first, down_sums)
         if col_shift:
@@ -87,46 +116,10 @@ def _block_means(plane, row, col, row_shift, col_shift, shrink, out):
                 sums[2 * j + 1] = down_sums[j + odd]
             if odd:
                 sums[-2] = down_sums[-1]
-        if wide.size:
-            _means_of(sums, down, across, wide, out[i])
-        else:
-            _means_of(sums, down, across, narrow, out[i])
+        _means_of(sums, down, across, windows, picked, out[i])
 
 
-@numba.njit(cache=True, nogil=True)
-def _means_of(sums, down, across, windows, out):
-    """Means in eighths of `across` neighbours of sums over `down` rows; windows : room for sums of neighbours."""
-    if down * across == 1:
-        for j in range(out.size):
-            out[j] = np.int16(sums[j] << 3)
-        return
-    for j in range(windows.size):
-        windows[j] = sums[j]
-    for k in range(1, across):
-        later = sums[k:]
-        for j in range(windows.size):
-            windows[j] += later[j]
-    share = np.float32(8 / (down * across))
-    picked = np.empty(out.size, np.int32)
-    for j in range(out.size):
-        picked[j] = windows[j * across]
-    for j in range(out.size):
-        out[j] = np.int16(np.float32(picked[j]) * share + np.float32(0.5))
-
-
-@numba.njit(cache=True, nogil=True)
-def _row_sums(plane, row, count, row_shift, first, out):
-    for r in range(row, row + count):
-        line = plane[r >> row_shift, first : first + out.size]
-        if r == row:
-            for j in range(out.size):
-                out[j] = line[j]
-        else:
-            for j in range(out.size):
-                out[j] += line[j]
-
-
-@numba.njit(cache=True, nogil=True)
+@numba.njit(inline="always")
 def _product(value, factor):
     return np.int16((np.int32(value) * np.int32(factor)) >> np.int32(16))
 
