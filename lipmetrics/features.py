@@ -107,7 +107,7 @@ def _box_sums(values, step, box, threes, out):
             out[j] += later[j]
 
 
-@nb.njit(cache=True, nogil=True)
+@nb.njit(inline="always")
 def _blur(padded, box, work, out):
     """Mean over box x box pixels, rounded; padded, uint16, reaches REACH - PAD farther than out on each side.
 

@@ -120,7 +120,7 @@ def load_forest(file, name: str) -> Forest:
         return Forest(questions, parts[f"{name}_single"], leaves, parts[f"{name}_bias"])
 
 
-@nb.njit(cache=True, nogil=True, error_model="numpy")
+@nb.njit(inline="always")
 def _leaf_numbers(maps, stride, start, offsets, single, limits, leaf):
     """Leaf of one tree for a run of pixels: bit d says yes to question d."""
     run = leaf.size

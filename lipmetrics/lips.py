@@ -199,10 +199,7 @@ class Lips:
 
 def main_lips(odds: np.ndarray, region: Region | None = None) -> Lips | None:
     """The connected lips nearest the middle of a canvas, from log-odds (rows, cols) in the region; None without any."""
-    size = odds.shape
-    row0, row1, col0, col1 = region or (0, size[0], 0, size[1])
-    odds, weight = odds[row0:row1, col0:col1], _middle_weight(size)[row0:row1, col0:col1]
-    found = likeliest_region(odds, weight, (row0, col0), size)
+    found = likeliest_region(odds, _middle_weight(odds.shape), region or (0, odds.shape[0], 0, odds.shape[1]))
     if found is None:
         return None
     mask, (left, top, width, height, area) = found

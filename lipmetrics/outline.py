@@ -103,8 +103,12 @@ def _trace_level(field, level):
     height, width = field.shape
     below = level - np.float32(1)  # beyond the border
     done = np.zeros((height, width), np.bool_)  # upper edges that a line has gone along
-    points, ends, areas = np.empty((256, 2)), [0], [0.0]  # a list must hold something to have a type
-    n = 0
+    most = 0
+    for i in range(height):
+        for j in range(width):
+            most += field[i, j] > level
+    points, ends, areas = np.empty((4 * most, 2)), np.zeros(most + 1, np.int64), np.empty(most)
+    n, lines = 0, 0
     for first_row in range(height):
         above = 0
         for first_col in range(width):
@@ -119,8 +123,6 @@ def _trace_level(field, level):
             row, col, d_row, d_col = first_row, first_col, 0, 1  # east along the upper edge of this pixel
             begin, twice_area = n, 0.0
             while True:
-                if n == len(points):
-                    points = np.concatenate((points, np.empty_like(points)))
                 # row, col is the pixel on the right hand; the one on the left is not above the level
                 left_row, left_col = row - d_col, col + d_row
                 inside = 0 <= left_row < height and 0 <= left_col < width
@@ -152,9 +154,10 @@ def _trace_level(field, level):
                 if row == first_row and col == first_col and d_row == 0 and d_col == 1:
                     break
             twice_area += points[n - 1, 1] * points[begin, 0] - points[begin, 1] * points[n - 1, 0]
-            ends.append(n)
-            areas.append(twice_area / 2)
-    return points, np.array(ends), np.array(areas)[1:]
+            lines += 1
+            ends[lines] = n
+            areas[lines - 1] = twice_area / 2
+    return points, ends, areas[:lines]
 
 
 @numba.njit(cache=True)
