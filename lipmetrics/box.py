@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
+import numba
 import numpy as np
+
+from lipmetrics.pixels import averaged_region
 
 CANVAS = (112, 128)  # rows, columns of the fine canvas
 COARSE = (63, 72)  # the same cut of the picture, for the coarse stage
@@ -31,9 +35,13 @@ class Box:
 
     def to_picture(self, points: np.ndarray) -> np.ndarray:
         """Canvas points (n, 2) (row, column) in the picture."""
-        rows, cols = (np.asarray(points, float) - (np.array(CANVAS) - 1) / 2).T * self.scale
-        cos, sin = np.cos(self.roll_rad), np.sin(self.roll_rad)
-        return np.column_stack([self.row + rows * cos + cols * sin, self.col + cols * cos - rows * sin])
+        points = np.asarray(points, float)
+        rows, cols = points[:, 0] - (CANVAS[0] - 1) / 2, points[:, 1] - (CANVAS[1] - 1) / 2
+        cos, sin = self.scale * math.cos(self.roll_rad), self.scale * math.sin(self.roll_rad)
+        out = np.empty(points.shape)
+        out[:, 0] = self.row + rows * cos + cols * sin
+        out[:, 1] = self.col + cols * cos - rows * sin
+        return out
 
     def to_canvas(self, points: np.ndarray) -> np.ndarray:
         """Picture points (n, 2) (row, column) on the canvas."""
@@ -47,30 +55,60 @@ def lay_canvas(frame, box: Box, size: tuple[int, int] = CANVAS) -> np.ndarray | 
 
     Only the part of the frame under the canvas is converted to RGB. Beyond the picture its edge is repeated.
     """
-    high, wide = CANVAS[0] - 1, CANVAS[1] - 1
-    hull = box.to_picture(np.array([(0, 0), (0, wide), (high, 0), (high, wide)]))
+    cos, sin = math.cos(box.roll_rad), math.sin(box.roll_rad)
+    high, wide = box.scale * (CANVAS[0] - 1) / 2, box.scale * (CANVAS[1] - 1) / 2
+    down, across = high * abs(cos) + wide * abs(sin), wide * abs(cos) + high * abs(sin)
     margin = 2 + box.scale
-    low = np.floor(hull.min(axis=0) - margin).astype(int)
-    top = np.ceil(hull.max(axis=0) + margin).astype(int) + 1
-    row0, col0 = np.maximum(low, 0)
-    row1, col1 = np.minimum(top, (frame.height, frame.width))
+    # an even start keeps blocks of pixels together that share their chroma
+    row0, col0 = (max(math.floor(start), 0) & -2 for start in (box.row - down - margin, box.col - across - margin))
+    row1 = min(math.ceil(box.row + down + margin) + 1, frame.height)
+    col1 = min(math.ceil(box.col + across + margin) + 1, frame.width)
     if row1 - row0 < 2 or col1 - col0 < 2:
         return None
-    patch = frame.rgb((int(row0), int(row1), int(col0), int(col1)))
     step = box.scale * CANVAS[1] / size[1]  # picture px per px of the result
-    shrink = max(1, int(step))  # averaging first: picking every n-th pixel would alias
-    if shrink > 1:
-        small = (max(1, patch.shape[1] // shrink), max(1, patch.shape[0] // shrink))
-        patch = cv2.resize(patch[: small[1] * shrink, : small[0] * shrink], small, interpolation=cv2.INTER_AREA)
-    cos, sin = np.cos(box.roll_rad), np.sin(box.roll_rad)
-    turn = step * np.array([[cos, -sin], [sin, cos]])  # canvas (x, y) to picture (x, y)
-    middle = np.array([(size[1] - 1) / 2, (size[0] - 1) / 2])
-    offset = np.array([box.col - col0, box.row - row0]) - turn @ middle
-    matrix = np.column_stack([turn / shrink, (offset + 0.5) / shrink - 0.5])
+    # averaging first: picking every n-th pixel would alias
+    shrink = min(max(1, int(step)), row1 - row0, col1 - col0)
+    patch = averaged_region(frame, (row0, row1, col0, col1), shrink)
+    # canvas (x, y) to picture (x, y) to patch
+    x, y = (size[1] - 1) / 2, (size[0] - 1) / 2
+    left = (box.col - col0 - step * (cos * x - sin * y) + 0.5) / shrink - 0.5
+    top = (box.row - row0 - step * (sin * x + cos * y) + 0.5) / shrink - 0.5
+    ratio = step / shrink
     return cv2.warpAffine(
         patch,
-        matrix,
+        np.array([[ratio * cos, -ratio * sin, left], [ratio * sin, ratio * cos, top]]),
         (size[1], size[0]),
         flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
         borderMode=cv2.BORDER_REPLICATE,
     )
+
+
+def nine_of_sixteen(picture: np.ndarray) -> np.ndarray:
+    """A picture (16 m, 16 n, 3) uint8 averaged over its area down to (9 m, 9 n, 3), as CANVAS is to COARSE."""
+    rows, cols = 9 * picture.shape[0] // 16, 9 * picture.shape[1] // 16
+    out = np.empty((rows, cols, 3), np.uint8)
+    _nine_of_sixteen(picture.reshape(len(picture), -1), out.reshape(rows, -1))
+    return out
+
+
+@numba.njit(cache=True, nogil=True)
+def _nine_of_sixteen(picture, out):
+    """A pixel of the result covers 16 ninths of a pixel, which lie in 2 or 3 pixels; rows of both are flat."""
+    down, width = np.empty(picture.shape[1] + 3, np.uint16), picture.shape[1]
+    for i in range(out.shape[0]):
+        down[:] = 0
+        for r in range(16 * i // 9, (16 * i + 15) // 9 + 1):
+            share = np.uint16(min(9 * r + 9, 16 * i + 16) - max(9 * r, 16 * i))
+            line = picture[r]
+            for j in range(width):
+                down[j] += share * line[j]
+        line = out[i]
+        for j in range(line.size // 3):
+            c = 16 * j // 9
+            first = 9 * c + 9 - 16 * j
+            second = min(9, 16 - first)
+            third = 16 - first - second  # 0 where the pixel ends with the second
+            for k in range(3):
+                at = 3 * c + k
+                total = first * down[at] + second * down[at + 3] + third * down[min(at + 6, width)]
+                line[3 * j + k] = (total + 127 + (total >> 8 & 1)) >> 8  # a half goes to the even number, as in OpenCV

@@ -10,6 +10,7 @@ import numpy as np
 
 from lipmetrics.errors import InputError
 from lipmetrics.look import Look
+from lipmetrics.pixels import averaged_region
 
 # name -> module with make_detector(settings or None, info) -> object with .look(frame) -> Look and .settings
 METHODS = {"default": "lipmetrics.lips", "thesis": "lipmetrics.mask"}
@@ -58,9 +59,15 @@ class _Window:
         self.height, self.width = roi[1] - roi[0], roi[3] - roi[2]
 
     def rgb(self, region=None) -> np.ndarray:
+        return self._frame.rgb(self._in_picture(region or (0, self.height, 0, self.width)))
+
+    def averaged(self, region, shrink: int) -> np.ndarray:
+        return averaged_region(self._frame, self._in_picture(region), shrink)
+
+    def _in_picture(self, region) -> tuple[int, int, int, int]:
         top, left = self._roi[0], self._roi[2]
-        row0, row1, col0, col1 = region or (0, self.height, 0, self.width)
-        return self._frame.rgb((top + row0, top + row1, left + col0, left + col1))
+        row0, row1, col0, col1 = region
+        return top + row0, top + row1, left + col0, left + col1
 
 
 class _InsideRegion:

@@ -33,7 +33,16 @@ from av.video.frame import PictureType
 from av.video.reformatter import VideoReformatter
 
 from lipmetrics.errors import InputError
-from lipmetrics.pixels import Turn, can_cut, displayed_size, to_rgb, turn_by_angle, turn_of
+from lipmetrics.pixels import (
+    Turn,
+    averaged,
+    averaged_rgb,
+    can_cut,
+    displayed_size,
+    to_rgb,
+    turn_by_angle,
+    turn_of,
+)
 
 MAX_SIDE_PX = 20_000
 MAX_FPS = 100_000.0
@@ -110,6 +119,12 @@ class Frame:
             self._whole = to_rgb(self._picture, self._turn, None, self._reformatter)
         row0, row1, col0, col1 = region
         return self._whole[row0:row1, col0:col1].copy()
+
+    def averaged(self, region: tuple[int, int, int, int], shrink: int) -> np.ndarray:
+        """Means of `rgb(region)` over blocks of shrink x shrink px; what is left at the region's end is left out."""
+        if can_cut(self._picture):
+            return averaged_rgb(self._picture, self._turn, region, shrink, self._reformatter)
+        return averaged(self.rgb(region), shrink)
 
 
 class FrameSource:

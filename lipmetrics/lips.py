@@ -17,12 +17,13 @@ import numba
 import numpy as np
 
 from lipmetrics import features
-from lipmetrics.box import CANVAS, COARSE, MOUTH, Box, lay_canvas
+from lipmetrics.box import CANVAS, COARSE, MOUTH, Box, lay_canvas, nine_of_sixteen
 from lipmetrics.errors import InputError
 from lipmetrics.find import places
 from lipmetrics.forest import load_forest, log_odds
 from lipmetrics.look import CLOSED, NO_MOUTH, OPEN, Look
 from lipmetrics.outline import level_outlines
+from lipmetrics.regions import likeliest_region, middle_row, sums_over
 
 LIP, OPENING, LOWER = range(3)  # outputs: lip or opening, opening; of the coarse stage also lower lip
 ELSEWHERE = -4.0  # log-odds of what was not looked at, far from the lips
@@ -88,6 +89,8 @@ def forests():
 
 def shrunk(canvas: np.ndarray) -> np.ndarray:
     """A canvas of any size, or one plane of it, averaged down to the coarse size."""
+    if canvas.shape == (*CANVAS, 3) and canvas.dtype == np.uint8:
+        return nine_of_sixteen(canvas)
     return cv2.resize(canvas, COARSE[::-1], interpolation=cv2.INTER_AREA)
 
 
@@ -98,7 +101,9 @@ def coarse_inputs(canvas: np.ndarray, region: Region | None = None) -> np.ndarra
 
 def fine_inputs(canvas: np.ndarray, coarse: np.ndarray, region: Region | None = None) -> np.ndarray:
     """The maps that the fine forest sees, of a canvas (*CANVAS, 3) uint8 RGB and its coarse log-odds (3, *COARSE)."""
-    enlarged = np.stack([cv2.resize(plane, CANVAS[::-1]) for plane in coarse])
+    enlarged = np.empty((len(coarse), *CANVAS), np.float32)
+    for plane, target in zip(coarse, enlarged, strict=True):
+        cv2.resize(plane, CANVAS[::-1], dst=target)
     ratios = features.log_ratios(canvas)
     middles = features.references(ratios, enlarged[LIP], enlarged[OPENING], _oval())
     return features.fine_maps(ratios, middles, enlarged, region)
@@ -134,6 +139,12 @@ def _oval() -> np.ndarray:
 def _middle_weight(size: tuple[int, int]) -> np.ndarray:
     rows, cols = (np.linspace(-1, 1, n) for n in size)
     return np.exp(-((rows[:, None] / 0.5) ** 2) - (cols[None, :] / 0.7) ** 2).astype(np.float32)
+
+
+def _equal(canvas: np.ndarray, other: np.ndarray) -> bool:
+    """Whether two canvases are the same; where one row tells that they are not, the others are not compared."""
+    middle = CANVAS[0] // 2
+    return np.array_equal(canvas[middle], other[middle]) and np.array_equal(canvas, other)
 
 
 @dataclass(frozen=True)
@@ -181,30 +192,19 @@ class Lips:
     @property
     def corners(self) -> np.ndarray:
         """(2, 2) float64 (row, column) of the left and the right end."""
-        ends = []
-        for cols in (slice(self.left, self.left + 3), slice(self.right - 3, self.right)):
-            rows = np.flatnonzero(self.mask[:, cols].any(axis=1))
-            ends.append(rows.mean())
-        return np.array([(ends[0], self.left - 0.5), (ends[1], self.right - 0.5)])
+        left_row = middle_row(self.mask, self.left, self.left + 3)
+        right_row = middle_row(self.mask, self.right - 3, self.right)
+        return np.array([(left_row, self.left - 0.5), (right_row, self.right - 0.5)])
 
 
 def main_lips(odds: np.ndarray, region: Region | None = None) -> Lips | None:
     """The connected lips nearest the middle of a canvas, from log-odds (rows, cols) in the region; None without any."""
-    size = odds.shape
-    row0, row1, col0, col1 = region or (0, size[0], 0, size[1])
-    odds, weight = odds[row0:row1, col0:col1], _middle_weight(size)[row0:row1, col0:col1]
-    count, labels, stats, _ = cv2.connectedComponentsWithStats((odds > 0).astype(np.uint8), connectivity=4)
-    if count < 2:
+    found = likeliest_region(odds, _middle_weight(odds.shape), region or (0, odds.shape[0], 0, odds.shape[1]))
+    if found is None:
         return None
-    score = np.bincount(labels.ravel(), (weight * np.clip(odds, 0, 3)).ravel(), count)
-    score[0] = 0
-    best = int(score.argmax())
-    left, top, width, height, area = (int(value) for value in stats[best])
+    mask, (left, top, width, height, area) = found
     if area < 12 or width < 4:
         return None
-    mask = np.zeros(size, bool)
-    mask[row0:row1, col0:col1] = labels == best
-    left, top = left + col0, top + row0
     return Lips(mask, top, top + height, left, left + width)
 
 
@@ -215,11 +215,11 @@ def mouth_score(odds: np.ndarray, lips: Lips | None) -> float:
     """
     if lips is None:
         return 0.0
-    inside = 1 / (1 + np.exp(-odds[lips.mask].mean()))
-    elsewhere = np.count_nonzero(odds > 0) - np.count_nonzero(lips.mask)
-    stray = elsewhere / (elsewhere + 2 * np.count_nonzero(lips.mask))
+    area, total, above = sums_over(odds, lips.mask, lips.top, lips.bottom)
+    inside = 1 / (1 + np.exp(-total / area))
+    stray = (above - area) / (above + area)
     rows, cols = odds.shape
-    filled = np.count_nonzero(lips.mask) / ((lips.bottom - lips.top) * (lips.right - lips.left))
+    filled = area / ((lips.bottom - lips.top) * (lips.right - lips.left))
     width = (lips.right - lips.left) / (cols * MOUTH / CANVAS[1])
     centre_off = np.hypot((lips.left + lips.right) / 2 - cols / 2, (lips.top + lips.bottom) / 2 - rows / 2) / cols
     off_size = abs(np.log(width))
@@ -308,19 +308,29 @@ def openings_on(odds: np.ndarray, lips: Lips, settings: LipSettings) -> tuple[np
 @numba.njit(cache=True, nogil=True)
 def _steady(canvas, canvas_before, odds, odds_before, keep, change):
     """odds += weight (odds_before - odds), weight from `keep` at a change of `change` grey levels to 0 at twice it."""
-    height, width = canvas.shape[:2]
+    outputs, height, width = odds.shape
+    change_of, weight = np.zeros(width + 2, np.int32), np.empty(width, np.float32)  # a column more on each side
     for i in range(height):
+        new, old = odds[0, i], odds_before[0, i]
+        differing = 0
         for j in range(width):
-            if odds[0, i, j] == odds_before[0, i, j]:
-                continue
-            total, n = 0, 0
-            for r in range(max(i - 1, 0), min(i + 2, height)):
-                for c in range(max(j - 1, 0), min(j + 2, width)):
-                    total += abs(np.int32(canvas[r, c, 1]) - np.int32(canvas_before[r, c, 1]))
-                    n += 1
-            weight = keep * min(max(2.0 - total / (n * change), 0.0), 1.0)
-            for k in range(odds.shape[0]):
-                odds[k, i, j] += np.float32(weight) * (odds_before[k, i, j] - odds[k, i, j])
+            differing += new[j] != old[j]
+        if not differing:
+            continue
+        change_of[:] = 0
+        first, end = max(i - 1, 0), min(i + 2, height)
+        for r in range(first, end):
+            now, before = canvas[r], canvas_before[r]
+            for j in range(width):
+                change_of[j + 1] += abs(np.int32(now[j, 1]) - np.int32(before[j, 1]))
+        for j in range(width):
+            total = change_of[j] + change_of[j + 1] + change_of[j + 2]
+            n = (end - first) * (min(j + 2, width) - max(j - 1, 0))
+            weight[j] = keep * min(max(2.0 - total / (n * change), 0.0), 1.0) if new[j] != old[j] else 0.0
+        for k in range(outputs):
+            new, old = odds[k, i], odds_before[k, i]
+            for j in range(width):
+                new[j] += weight[j] * (old[j] - new[j])
 
 
 class _Detector:
@@ -344,7 +354,7 @@ class _Detector:
         """What the method says about the next frame of the clip."""
         if self._box is not None:
             canvas = lay_canvas(frame, self._box)
-            if canvas is not None and self._canvas is not None and np.array_equal(canvas, self._canvas):
+            if canvas is not None and self._canvas is not None and _equal(canvas, self._canvas):
                 return self._look
             look, score = self._measure(canvas)
             if score >= self.settings.lost_below:

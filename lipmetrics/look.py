@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -28,4 +29,5 @@ class Look:
     @property
     def lip_width_px(self) -> float:
         """Distance between the mouth corners in px, NaN if unknown."""
-        return float(np.hypot(*(self.corners[1] - self.corners[0])))
+        (row, col), (other_row, other_col) = self.corners.tolist()
+        return math.hypot(other_row - row, other_col - col)

@@ -34,21 +34,19 @@ def measure_outline(outline: np.ndarray) -> Opening:
     ----------
     outline : (n, 2) float (row, column) in px, a simple polygon of at least 3 corners, last one not repeated
     """
-    outline = np.ascontiguousarray(outline, np.float64)
-    row_min, col_min = outline.min(axis=0)
-    row_max, col_max = outline.max(axis=0)
+    return Opening(*_measure(np.ascontiguousarray(outline, np.float64)))
+
+
+@numba.njit(cache=True)
+def _measure(outline):
+    """The fields of Opening."""
+    row_min, row_max, col_min, col_max = np.inf, -np.inf, np.inf, -np.inf
+    for row, col in outline:
+        row_min, row_max = min(row_min, row), max(row_max, row)
+        col_min, col_max = min(col_min, col), max(col_max, col)
     area, centroid_row, centroid_col = _area_and_centroid(outline)
-    return Opening(
-        float(row_min),
-        float(row_max),
-        float(col_min),
-        float(col_max),
-        float(col_max - col_min),
-        fullest_column(outline),
-        area,
-        centroid_row,
-        centroid_col,
-    )
+    height = fullest_column(outline)
+    return row_min, row_max, col_min, col_max, col_max - col_min, height, area, centroid_row, centroid_col
 
 
 @numba.njit(cache=True)
@@ -165,21 +163,19 @@ def _affinity(parents: list[Opening], children: list[Opening], reach: float) -> 
 
     The area decides which of several parents or children goes on; the overlap keeps neighbours apart.
     """
-    if not parents or not children:
-        return np.zeros((len(parents), len(children)))
-    grow = max(1.0, reach * max(opening.width_px for opening in (*parents, *children)))
-    a = np.array(parents)[:, None]
-    b = np.array(children)[None]
-    row_min, row_max, col_min, col_max, _, _, area, _, _ = range(9)
+    affinity = np.zeros((len(parents), len(children)))
+    grow = max(1.0, reach * max((opening.width_px for opening in (*parents, *children)), default=0.0))
+    # one or two of each: numbers one by one are faster than arrays
+    for i, a in enumerate(parents):
+        for j, b in enumerate(children):
+            rows = min(a.row_max, b.row_max) - max(a.row_min, b.row_min) + 2 * grow
+            cols = min(a.col_max, b.col_max) - max(a.col_min, b.col_min) + 2 * grow
+            if rows > 0 and cols > 0:
+                shared = rows * cols / min(_grown(a, grow), _grown(b, grow))
+                affinity[i, j] = min(a.area_px, b.area_px) * shared
+    return affinity
 
-    def side(box, low, high):
-        return box[..., high] - box[..., low] + 2 * grow
 
-    def overlap(low, high):
-        both = np.minimum(a[..., high], b[..., high]) - np.maximum(a[..., low], b[..., low]) + 2 * grow
-        return np.maximum(both, 0.0)
-
-    box_a = side(a, row_min, row_max) * side(a, col_min, col_max)
-    box_b = side(b, row_min, row_max) * side(b, col_min, col_max)
-    shared = overlap(row_min, row_max) * overlap(col_min, col_max) / np.minimum(box_a, box_b)
-    return np.minimum(a[..., area], b[..., area]) * shared
+def _grown(opening: Opening, grow: float) -> float:
+    """Area of the bounding box that is larger by `grow` on each side, px²."""
+    return (opening.row_max - opening.row_min + 2 * grow) * (opening.col_max - opening.col_min + 2 * grow)

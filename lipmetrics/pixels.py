@@ -12,10 +12,12 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import av
+import cv2
 import numpy as np
 from av.sidedata.sidedata import Type as SideDataType
 from av.video.reformatter import VideoReformatter
 
+from lipmetrics import planes
 from lipmetrics.errors import InputError
 
 BACKGROUND = 128  # grey level under transparent pixels
@@ -109,6 +111,53 @@ def to_rgb(
         part, top, left = _cut_out(picture, row0, row1, col0, col1)
         pixels = _converted(part, reformatter)[row0 - top : row1 - top, col0 - left : col1 - left]
     return np.ascontiguousarray(_turned(pixels, turn))
+
+
+def averaged_rgb(
+    picture: av.VideoFrame,
+    turn: Turn,
+    region: tuple[int, int, int, int],
+    shrink: int,
+    reformatter: VideoReformatter,
+) -> np.ndarray:
+    """Means of `to_rgb` over blocks of shrink x shrink px; what is left at the region's end is left out.
+
+    Of common pixel formats the planes are averaged and only then converted: much less work, and but for rounding
+    the same. A region only where `can_cut`.
+    """
+    if shrink > planes.MAX_SHRINK or picture.format.name not in planes.FORMATS:
+        return averaged(to_rgb(picture, turn, region, reformatter), shrink)
+    matrix = picture.colorspace if picture.colorspace in _MATRICES else _UNSPECIFIED
+    if matrix not in planes.MATRICES:
+        return averaged(to_rgb(picture, turn, region, reformatter), shrink)
+    row0, row1, col0, col1 = region
+    size = ((row1 - row0) // shrink, (col1 - col0) // shrink)
+    part = (row0, row0 + size[0] * shrink, col0, col0 + size[1] * shrink)
+    top, _, left, _ = _stored_region(part, turn, *displayed_size(picture, turn))
+    pixels = planes.averaged_rgb(
+        [_samples(plane) for plane in picture.planes],
+        planes.FORMATS[picture.format.name],
+        (top, left),
+        size[::-1] if turn.transpose else size,
+        shrink,
+        planes.coefficients(matrix, picture.format.name.startswith("yuvj") or picture.color_range == planes.FULL_RANGE),
+    )
+    return np.ascontiguousarray(_turned(pixels, turn))
+
+
+def averaged(pixels: np.ndarray, shrink: int) -> np.ndarray:
+    """Means (h // shrink, w // shrink, channels) of an array over blocks; what is left at its end is left out."""
+    if shrink == 1:
+        return pixels
+    high, wide = pixels.shape[0] // shrink, pixels.shape[1] // shrink
+    return cv2.resize(pixels[: high * shrink, : wide * shrink], (wide, high), interpolation=cv2.INTER_AREA)
+
+
+def averaged_region(frame, region: tuple[int, int, int, int], shrink: int) -> np.ndarray:
+    """Means of `frame.rgb(region)` over blocks, by the frame itself where it knows a shorter way."""
+    if hasattr(frame, "averaged"):
+        return frame.averaged(region, shrink)
+    return averaged(frame.rgb(region), shrink)
 
 
 def _stored_region(region: tuple[int, int, int, int], turn: Turn, height: int, width: int) -> tuple[int, int, int, int]:

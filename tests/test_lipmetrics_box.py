@@ -1,8 +1,9 @@
+import cv2
 import numpy as np
 import pytest
 from drawn_mouth import AskedFrame
 
-from lipmetrics.box import CANVAS, COARSE, MOUTH, Box, lay_canvas
+from lipmetrics.box import CANVAS, COARSE, MOUTH, Box, lay_canvas, nine_of_sixteen
 
 MIDDLE = (np.array(CANVAS) - 1) / 2
 
@@ -106,3 +107,11 @@ def test_a_tiny_picture_fills_the_canvas(side):
     assert (canvas.shape, canvas.dtype) == ((*CANVAS, 3), np.uint8)
     assert (canvas == 77).all()
     assert (lay_canvas(AskedFrame(picture), Box(side / 2, side / 2, 900.0, 0.2)) == 77).all()
+
+
+def test_nine_pixels_are_the_means_of_sixteen():
+    picture = np.random.default_rng(0).integers(0, 256, (*CANVAS, 3)).astype(np.uint8)
+    small, high, wide = nine_of_sixteen(picture), CANVAS[0] // 16, CANVAS[1] // 16
+    fine = picture.repeat(9, axis=0).repeat(9, axis=1).astype(float)
+    assert np.array_equal(small, np.round(fine.reshape(9 * high, 16, 9 * wide, 16, 3).mean(axis=(1, 3))))
+    assert np.array_equal(small, cv2.resize(picture, COARSE[::-1], interpolation=cv2.INTER_AREA))

@@ -1,5 +1,7 @@
 import numpy as np
 import pytest
+from contourpy import contour_generator  # which matplotlib needs
+from scipy.ndimage import gaussian_filter
 
 from lipmetrics.outline import fill_outlines, level_outlines
 
@@ -68,3 +70,29 @@ def test_the_field_is_left_as_it_was_and_the_answer_is_the_mask():
     before = field.copy()
     assert np.array_equal(fill_outlines(level_outlines(field, 0.0), field.shape), field > 0)
     assert np.array_equal(field, before)
+
+
+@pytest.mark.parametrize("blur_px", [0.0, 0.5, 1.0, 3.0])
+def test_outlines_are_those_of_contourpy(blur_px):
+    rng = np.random.default_rng(0)
+    for size in ((1, 1), (1, 9), (7, 1), (2, 2), (23, 40), (40, 23), (31, 31)):
+        field = gaussian_filter(rng.normal(size=size), blur_px, mode="nearest").astype(np.float32)
+        field /= np.abs(field).mean()
+        for level in (0.0, 0.3, -0.4):
+            z = np.pad(field, 1, constant_values=np.float32(level) - np.float32(1))
+            lines = [line[:-1, ::-1] - 1 for line in contour_generator(z=z).lines(level)]
+            expected = [line for line in lines if winding(line) > 0]
+            outlines = level_outlines(field, level)
+            assert sorted(map(len, outlines)) == sorted(map(len, expected))
+            assert sorted(map(area, outlines)) == pytest.approx(sorted(map(area, expected)), abs=1e-5)
+            assert corners(outlines) == pytest.approx(corners(expected), abs=1e-4)
+
+
+def winding(outline):
+    rows, cols = outline.T
+    return np.dot(cols, np.roll(rows, -1)) - np.dot(rows, np.roll(cols, -1))
+
+
+def corners(outlines):
+    points = np.concatenate([*outlines, np.empty((0, 2))])
+    return points[np.lexsort(np.round(points, 3).T)]

@@ -1,0 +1,148 @@
+"""A small RGB picture straight from the luma and chroma planes of a decoded one: averaged first, then converted.
+
+Converting colours after averaging costs by the small picture. The arithmetic is swscale's own for these formats (each
+product cut to a whole number, chroma of the nearest sample), so without averaging the values are the very same; with
+it they differ by the rounding.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numba
+import numpy as np
+
+FORMATS = {"yuv420p": (1, 1), "yuvj420p": (1, 1), "yuv422p": (0, 1), "yuvj422p": (0, 1)}  # shifts of chroma rows, cols
+FULL_RANGE = 2  # tag
+# By matrix tag: red from V, blue from U, green from U, green from V, 16 bits after the point, for video range.
+_COEFFICIENTS = {
+    1: (117489, 138438, -13975, -34925),
+    2: (104597, 132201, -25675, -53279),
+    4: (104448, 132798, -24759, -53109),
+    5: (104597, 132201, -25675, -53279),
+    6: (104597, 132201, -25675, -53279),
+    7: (117579, 136230, -16907, -35559),
+    9: (110013, 140363, -12277, -42626),
+}
+MATRICES = frozenset(_COEFFICIENTS)
+MAX_SHRINK = 256  # sums of more rows would not fit 16 bits
+_EIGHTHS = 3  # samples are kept in eighths, as bits
+
+
+@lru_cache(maxsize=32)
+def coefficients(matrix: int, full_range: bool) -> np.ndarray:
+    """(6,) int16: luma of black in eighths, and 13 bits after the point of luma, V to red, U to blue, U and V to green.
+
+    matrix : one of MATRICES
+    """
+    if full_range:
+        black, luma = 0, 1 << 16
+        chroma = [int(value * 224 / 255) for value in _COEFFICIENTS[matrix]]
+    else:
+        black, luma, chroma = 16, (255 << 16) // 219, _COEFFICIENTS[matrix]
+    return np.array([black << _EIGHTHS, *((value + 4) >> 3 for value in (luma, *chroma))], np.int16)
+
+
+def averaged_rgb(
+    samples: list[np.ndarray],
+    chroma_shifts: tuple[int, int],
+    place: tuple[int, int],
+    size: tuple[int, int],
+    shrink: int,
+    coefficients: np.ndarray,
+) -> np.ndarray:
+    """RGB (*size, 3) uint8 of means over blocks of shrink x shrink px.
+
+    samples : Y, U and V (rows, cols) uint8; place : row and column, in Y, where the first block begins
+    """
+    means = np.empty((3, *size), np.int16)
+    out = np.empty((*size, 3), np.uint8)
+    _block_means(samples[0], *place, 0, 0, shrink, means[0])
+    for plane, mean in zip(samples[1:], means[1:], strict=True):
+        _block_means(plane, *place, *chroma_shifts, shrink, mean)
+    _to_rgb(means, coefficients, out)
+    return out
+
+
+@numba.njit(inline="always")
+def _row_sums(plane, row, count, row_shift, first, out):
+    for j in range(out.size):
+        out[j] = 0
+    for r in range(row, row + count):
+        line = plane[r >> row_shift, first : first + out.size]
+        for j in range(out.size):
+            out[j] += line[j]
+
+
+@numba.njit(inline="always")
+def _means_of(sums, down, across, windows, picked, out):
+    """Means in eighths of `across` neighbours of sums over `down` rows; windows, picked : room for their sums."""
+    if across == 1:
+        for j in range(out.size):
+            picked[j] = sums[j]
+    else:
+        for j in range(windows.size):
+            windows[j] = sums[j]
+        for k in range(1, across):
+            later = sums[k:]
+            for j in range(windows.size):
+                windows[j] += later[j]
+        for j in range(out.size):
+            picked[j] = windows[j * across]
+    share = np.float32(8 / (down * across))
+    for j in range(out.size):
+        out[j] = np.int16(np.float32(picked[j]) * share + np.float32(0.5))
+
+
+@numba.njit(cache=True, nogil=True)
+def _block_means(plane, row, col, row_shift, col_shift, shrink, out):
+    """Means in eighths of blocks that begin at row, col, of a plane that has 1 sample for 2**shift rows or columns."""
+    height, width = out.shape
+    down, across = shrink, shrink
+    if row_shift and shrink % 2 == row % 2 == 0:
+        row, down, row_shift = row >> 1, down >> 1, 0
+    if col_shift and shrink % 2 == col % 2 == 0:
+        col, across, col_shift = col >> 1, across >> 1, 0
+    first, last = col >> col_shift, (col + across * width - 1) >> col_shift
+    down_sums = np.empty(last + 1 - first, np.uint16)
+    sums = np.empty(2 * down_sums.size, np.uint16) if col_shift else down_sums
+    windows, picked = np.empty(across * (width - 1) + 1, np.int32), np.empty(width, np.int32)
+    for i in range(height):
+        _row_sums(plane, row + i * down, down, row_shift, first, down_sums)
+        if col_shift:
+            odd = col & 1
+            for j in range(down_sums.size - odd):
+                sums[2 * j] = down_sums[j]
+                sums[2 * j + 1] = down_sums[j + odd]
+            if odd:
+                sums[-2] = down_sums[-1]
+        _means_of(sums, down, across, windows, picked, out[i])
+
+
+@numba.njit(inline="always")
+def _product(value, factor):
+    return np.int16((np.int32(value) * np.int32(factor)) >> np.int32(16))
+
+
+@numba.njit(cache=True, nogil=True)
+def _to_rgb(means, coefficients, out):
+    black, luma, red_v, blue_u, green_u, green_v = coefficients
+    middle, low, high = np.int16(1024), np.int16(0), np.int16(255)
+    colours = np.empty((3, out.shape[1]), np.uint8)
+    red, green, blue = colours[0], colours[1], colours[2]
+    for i in range(out.shape[0]):
+        ys, us, vs = means[0, i], means[1, i], means[2, i]
+        for j in range(ys.size):
+            y = _product(np.int16(ys[j] - black), luma)
+            u, v = np.int16(us[j] - middle), np.int16(vs[j] - middle)
+            r = np.int16(y + _product(v, red_v))
+            g = np.int16(y + np.int16(_product(u, green_u) + _product(v, green_v)))
+            b = np.int16(y + _product(u, blue_u))
+            red[j] = np.uint8(min(max(r, low), high))
+            green[j] = np.uint8(min(max(g, low), high))
+            blue[j] = np.uint8(min(max(b, low), high))
+        line = out[i]
+        for j in range(ys.size):
+            line[j, 0] = red[j]
+            line[j, 1] = green[j]
+            line[j, 2] = blue[j]
