@@ -587,7 +587,9 @@ def random_face(rng: np.random.Generator, closed: bool | None = None) -> Face:
         cavity=tuple(cavity),
         upper_teeth=(rng.uniform(0.4, 1.7) * gap if gap < 0.25 else rng.uniform(0.03, 0.22)) if teeth_shown else 0.0,
         lower_teeth=(rng.uniform(0.1, 0.8) * gap if gap < 0.2 else rng.uniform(0.02, 0.14)) if lower_shown else 0.0,
-        tongue_height=rng.uniform(0.15, 1.15) * gap if rng.random() < (0.15 if gap < 0.12 else 0.5) else 0.0,
+        tongue_height=rng.uniform(0.15, 0.8 if rng.random() < 0.85 else 1.15) * gap
+        if rng.random() < (0.1 if gap < 0.12 else 0.35)
+        else 0.0,
         gums=rng.uniform(0.005, 0.05) if rng.random() < 0.12 else 0.0,
         tooth_width=rng.uniform(0.09, 0.14),
         seam=(rng.uniform(0.1, 0.85), rng.uniform(0.006, 0.03))
@@ -641,12 +643,12 @@ def random_camera(rng: np.random.Generator) -> Camera:
     """A camera over phones, web cams, television and old photographs."""
     return Camera(
         gains=tuple(np.exp(rng.normal(0, (0.08, 0.04, 0.1)))),
-        exposure=float(np.exp(rng.normal(0.12, 0.22))),
+        exposure=float(np.exp(rng.normal(0.05, 0.22))),
         contrast=rng.uniform(0.7, 1.4),
         saturation=0.0 if rng.random() < 0.04 else rng.uniform(0.5, 1.5),
         blur_px=rng.uniform(0.0, 0.9),
         noise=abs(rng.normal(0, 0.012)),
         sharpen=rng.uniform(0, 1.2) if rng.random() < 0.5 else 0.0,
-        coarse=1.0 if rng.random() < 0.6 else rng.uniform(0.4, 1.0),
+        coarse=1.0 if rng.random() < 0.5 else rng.uniform(0.3, 1.0),
         jpeg=int(rng.integers(45, 100)),
     )

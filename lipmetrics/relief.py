@@ -76,7 +76,9 @@ def _smooth(value):
 
 def _hill(value, top: float, left: float, right: float):
     """1 at `top`, `left` at 0 and `right` at 1, a parabola on each side."""
-    down = np.where(value < top, (1 - left) * ((value - top) / top) ** 2, (1 - right) * ((value - top) / (1 - top)) ** 2)
+    down = np.where(
+        value < top, (1 - left) * ((value - top) / top) ** 2, (1 - right) * ((value - top) / (1 - top)) ** 2
+    )
     return 1 - down
 
 
