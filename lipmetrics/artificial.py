@@ -251,6 +251,9 @@ def draw(
     return Drawing(photograph(picture, camera, rng), lip, opening, np.clip(lower - opening, 0, 1), np.array(corners))
 
 
+_DEEPEST = 2.0  # mouth units
+
+
 def _head(face, x, y):
     return head_height(face.relief, x, y, face.nose_y, face.nose_width, face.chin_y)
 
@@ -258,7 +261,8 @@ def _head(face, x, y):
 def _surface(face, across, down):
     """Where on the face each point of the screen lies (x, y), and its height there, for a turned head.
 
-    By fixed-point iteration: the face is a height over its plane and the turn small, so each round comes closer."""
+    By fixed-point iteration: the face is a height over its plane and the turn small, so each round
+    comes closer."""
     left, up = face.turn
     if left == up == 0:
         return across, down, _head(face, across, down)
@@ -269,6 +273,7 @@ def _surface(face, across, down):
     start = float(_head(face, 0.0, 0.0))
     for _ in range(5):
         z = _head(face, x, y) - start
+        z = np.clip(z, -_DEEPEST, _DEEPEST)  # far off the face the rounds would lead away
         x = np.float32((across_few - z * np.sin(left)) / np.cos(left))
         y = np.float32((down_few + (z * np.cos(left) - x * np.sin(left)) * np.sin(up)) / np.cos(up))
     x = across + cv2.resize(x - across_few, size, interpolation=cv2.INTER_LINEAR)

@@ -216,3 +216,11 @@ def test_a_tongue_put_out_hides_the_lower_lip_and_leaves_the_truth():
     changed = np.abs(inside.picture.astype(int) - out.picture).max(axis=2)
     assert (changed[lower] > 5).mean() > 0.8
     assert np.median(changed[:35, 60:90]) < 8
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("turn", [(0.5, 0.4), (-0.5, -0.4), (0.5, 0.0)])
+def test_a_turned_head_is_drawn_far_around_it_too(turn):
+    drawing = draw(Face(shape=opened(0.3), turn=turn), (90, 100), 8.0, centre=(5.0, 95.0), supersample=1)
+    assert np.isfinite(drawing.lip).all()
+    assert drawing.lip.sum() > 5
