@@ -8,11 +8,12 @@ one from a seeded generator over a range meant to cover real recordings (no valu
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
 
+from lipmetrics.paint import Paint, gloss_share, light_factor, lip_factor, random_paint, skin_factor
 from lipmetrics.relief import Light, Relief, face_height, head_height, shading
 
 
@@ -57,6 +58,7 @@ class Face:
     corner_dark: float = 0.3
     relief: Relief = field(default_factory=Relief)
     light: Light = field(default_factory=Light)
+    paint: Paint = field(default_factory=Paint)
     turn: tuple[float, float] = (0.0, 0.0)  # of the head to its left and upwards, radians
     side_shadow: tuple[float, float, float] = (0.0, 0.0, 0.2)  # of something unseen: strength, place, softness
     upper_tint: float = 1.0  # upper lip colour against the lower's
@@ -235,7 +237,7 @@ def draw(
         hidden = _step(radius - away, 0.02)
         picture = _blend(picture, colour, hidden)
     strength, place, soft = face.side_shadow
-    picture *= (1 - strength * _step(x - place, soft))[..., None]
+    picture *= ((1 - strength * _step(x - place, soft)) * light_factor(face.paint, x, y))[..., None]
 
     shrink = (size[1], size[0])
     picture = cv2.resize(picture.astype(np.float32), shrink, interpolation=cv2.INTER_AREA)
@@ -315,6 +317,7 @@ def _skin(face, x, y, ou, ol, full, scale, rng):
     shade += face.nostril * holes
     tip = face.nose_red * np.exp(-((x / 0.3) ** 2) - ((y - face.nose_y + 0.16) / 0.15) ** 2)
     picture *= np.stack([1 + 0 * tint, 1 - tint - tip, 1 - tint - tip], -1) * np.clip(1 - shade, 0.05, 1.25)[..., None]
+    picture *= skin_factor(face.paint, x, y, ou, ol, face.nose_y, face.nose_width)
     return _eyes(face, picture, x, y, np.asarray(face.hair, np.float32))
 
 
@@ -386,13 +389,17 @@ def _eyes(face, picture, x, y, hair):
 def _lip_colour(face, x, y, ou, iu, il, ol, lines, full, scale, rng):
     lip = np.asarray(face.lip, np.float32)
     upper = _step((iu + il) / 2 - y, 0.01)
-    tone = np.where(upper > 0.5, face.upper_tint, face.lower_gain)
+    tone = np.where(upper > 0.5, face.upper_tint, face.lower_gain) * lip_factor(
+        face.paint, x, y, (ou, iu, il, ol), upper
+    )
     tone = tone * (1 + face.creases * (lines[None, :] + 0.5 * _noise(rng, full, 0.05 * scale)))
     tint = face.lip_mottle * _noise(rng, full, 0.07 * scale)
     colour = lip * tone[..., None] * np.stack([1 + 0.3 * tint, 1 - tint, 1 - 0.7 * tint], -1)
     bright, red, rim_width = face.rim
     at_rim = np.exp(-(np.minimum(np.abs(y - iu), np.abs(y - il)) / rim_width))
-    return colour * (1 + at_rim[..., None] * (np.array([bright, bright * red, bright * red], np.float32) - 1))
+    colour = colour * (1 + at_rim[..., None] * (np.array([bright, bright * red, bright * red], np.float32) - 1))
+    broken = 0.6 + 0.4 * lines[None, :] + 0.4 * _noise(rng, full, 0.05 * scale)
+    return colour + gloss_share(face.paint, x, y, (ou, iu, il, ol), upper, broken)[..., None] * (1 - colour)
 
 
 def _mouth_colour(face, x, y, iu, il, full, scale, rng):
@@ -517,9 +524,12 @@ def random_shape(rng: np.random.Generator, closed: bool | None = None) -> Shape:
     )
 
 
-def random_relief(shape: Shape, rng: np.random.Generator) -> Relief:
-    """Heights of a face: full lips stand out more, a smile lifts the cheeks."""
-    return Relief(
+FLAT_LIGHT = Light(direction=(0, 0, 1), sky=1.0, hardness=0.0, hollow=0.0, skin_shine=(0.0, 1.0), lip_shine=(0.0, 1.0))
+
+
+def random_relief(shape: Shape, rng: np.random.Generator, flat: bool = False) -> Relief:
+    """Heights of a face: full lips stand out more, a smile lifts the cheeks. A flat one keeps what turns with it."""
+    relief = Relief(
         curve=rng.uniform(0.15, 0.42),
         muzzle=rng.uniform(0.0, 0.22),
         upper_lip=rng.uniform(0.2, 0.9) * shape.upper,
@@ -536,6 +546,7 @@ def random_relief(shape: Shape, rng: np.random.Generator) -> Relief:
         lines=rng.uniform(0, 0.16),
         rough=rng.uniform(0, 0.06),
     )
+    return replace(relief, lines=0.0, rough=0.0) if flat else relief
 
 
 def random_light(rng: np.random.Generator) -> Light:
@@ -566,7 +577,7 @@ def random_face(rng: np.random.Generator, closed: bool | None = None) -> Face:
     """A face over the human range of tones, lip colours, beards, teeth and light."""
     shape = random_shape(rng, closed)
     tone = rng.uniform(0, 4)
-    skin = np.array([np.interp(tone, range(5), _SKINS[:, c]) for c in range(3)]) * rng.normal(0.9, 0.05, 3)
+    skin = np.array([np.interp(tone, range(5), _SKINS[:, c]) for c in range(3)]) * rng.normal(0.95, 0.05, 3)
     ruddy = rng.uniform(0, 1)
     lip = skin * (
         rng.uniform(0.76, 1.0),
@@ -576,18 +587,19 @@ def random_face(rng: np.random.Generator, closed: bool | None = None) -> Face:
     if rng.random() < 0.2:  # lipstick
         lip = np.array([rng.uniform(0.45, 0.9), rng.uniform(0.08, 0.4), rng.uniform(0.12, 0.5)])
     gap = sum(shape.gap)
+    flat = rng.random() < 0.5  # painted shades or those of a surface
     teeth_shown = rng.random() < (0.92 if 0.1 < gap < 0.35 else 0.75)
     lower_shown = rng.random() < 0.3
     bearded = rng.random()
     cavity = rng.uniform(0.01, 0.16) * np.array([1, rng.uniform(0.4, 0.9), rng.uniform(0.4, 0.9)])
-    teeth = np.array([0.92, rng.uniform(0.84, 0.91), rng.uniform(0.66, 0.9)]) * rng.uniform(0.7, 1.2)
+    teeth = np.array([0.92, rng.uniform(0.84, 0.91), rng.uniform(0.66, 0.9)]) * rng.uniform(0.55, 1.15)
     return Face(
         shape=shape,
         skin=tuple(np.clip(skin, 0.03, 1)),
         lip=tuple(np.clip(lip, 0.02, 1)),
         lower_gain=rng.uniform(0.9, 1.15 + 0.08 * tone),
         lip_edge=rng.uniform(0.005, 0.1),
-        teeth=tuple(np.clip(teeth + rng.uniform(0, 0.2) * (skin * teeth.mean() - teeth), 0, 1.1)),
+        teeth=tuple(np.clip(teeth + rng.uniform(0, 0.3) * (skin * teeth.mean() - teeth), 0, 1.1)),
         tongue=tuple(np.array([0.75, rng.uniform(0.32, 0.5), rng.uniform(0.33, 0.5)]) * rng.uniform(0.5, 1.05)),
         cavity=tuple(cavity),
         upper_teeth=(rng.uniform(0.4, 1.7) * gap if gap < 0.25 else rng.uniform(0.03, 0.22)) if teeth_shown else 0.0,
@@ -601,8 +613,9 @@ def random_face(rng: np.random.Generator, closed: bool | None = None) -> Face:
         if rng.random() < 0.8
         else (rng.uniform(0.1, 0.5), 0.05),
         corner_dark=rng.uniform(0, 0.45),
-        relief=random_relief(shape, rng),
-        light=random_light(rng),
+        relief=random_relief(shape, rng, flat),
+        light=FLAT_LIGHT if flat else random_light(rng),
+        paint=random_paint(rng) if flat else Paint(),
         turn=tuple(np.clip(rng.normal(0, (0.17, 0.12)), -0.5, 0.4)),
         side_shadow=(rng.uniform(0.2, 0.75), rng.uniform(-0.8, 0.8), rng.uniform(0.2, 1.0))
         if rng.random() < 0.06

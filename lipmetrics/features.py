@@ -22,7 +22,7 @@ GAINS = np.array([48, 140, 140]) / OCTAVE  # map steps per step of brightness, r
 SPREAD_GAIN = 40.0  # map steps for the distance between the 10th and 90th percentile
 MIN_SPREAD = 0.08 * OCTAVE
 COARSE_COUNT = 6 * len(COARSE_BLURS) + 2
-FINE_COUNT = 3 * sum(len(boxes) for boxes in FINE_BLURS) + 2 * 3 + 2 * 3 + 2
+FINE_COUNT = 3 * sum(len(boxes) for boxes in FINE_BLURS) + 2 * 3 + 4
 BINS, BIN_BITS, BIN_OFFSET = 1024, 2, 2048  # histogram for medians: bins are 2**BIN_BITS steps wide
 
 _MIDDLE, _LOW_MIDDLE_HIGH = np.array([0.5]), np.array([0.1, 0.5, 0.9])
@@ -167,8 +167,8 @@ def _log_odds_levels(odds, out):
 
 
 @nb.njit(cache=True, nogil=True)
-def _column_position(odds, row, col, out):
-    """Where a pixel lies in its column of lip, say: out[0] share of it that is above, out[1] how much there is."""
+def _lip_position(odds, row, col, out):
+    """Where a pixel lies in its column of lip: out[0] share of the lip above it, out[1] how much lip there is."""
     height, width = odds.shape
     above, total = np.zeros((out.shape[1] + 1, width)), np.zeros(width)
     for r in range(max(height, row + out.shape[1])):
@@ -246,7 +246,7 @@ def coarse_maps(ratios: np.ndarray, region: tuple[int, int, int, int] | None = N
 def fine_maps(
     ratios: np.ndarray, middles: np.ndarray, odds: np.ndarray, region: tuple[int, int, int, int] | None = None
 ) -> np.ndarray:
-    """Maps of the fine stage, (26, rows + 2 PAD, cols + 2 PAD) uint8.
+    """Maps of the fine stage, (22, rows + 2 PAD, cols + 2 PAD) uint8.
 
     middles : (2, 3) from :func:`references`; odds : (3, H, W) log-odds of the coarse stage on this canvas; region
         as in :func:`coarse_maps`
@@ -257,7 +257,6 @@ def fine_maps(
     _log_odds_levels(odds.ravel(), levels.ravel())
     n = len(_FINE_GAINS) * _FINE_BOXES.size
     _blurred_maps(levels, row, col, _LEVEL_CENTRES, _LEVEL_GAINS, _ODDS_BOXES, padded, work, maps[n:])
-    for k, part in enumerate(odds):
-        _column_position(part, row - PAD, col - PAD, maps[2 * k - 8 : 2 * k - 6])
+    _lip_position(odds[0], row - PAD, col - PAD, maps[-4:-2])
     _positions(ratios.shape[1:], row, col, maps[-2:])
     return maps

@@ -89,7 +89,7 @@ def fine(picture, region=None):
     )
 
 
-@pytest.mark.parametrize(("maps_of", "size", "count"), [(coarse, COARSE, 20), (fine, CANVAS, 26)])
+@pytest.mark.parametrize(("maps_of", "size", "count"), [(coarse, COARSE, 20), (fine, CANVAS, 22)])
 def test_maps_hardly_change_with_light_and_white_balance(maps_of, size, count):
     picture = face(size)
     maps = maps_of(picture)
@@ -155,14 +155,12 @@ def test_fine_maps_are_blurs_relative_to_lips_and_skin_and_of_the_log_odds():
         padded = np.floor(np.clip(128 + 24 * edge_on(plane, features.REACH), 0, 255))
         for box in features.ODDS_BLURS:
             assert np.array_equal(next(maps), blurred(padded, box)), box
-    for plane in odds:
-        likely = np.clip(0.25 * plane.astype(float) + 0.5, 0, 1)
-        total = 1e-3 + likely.sum(axis=0)
-        share = edge_on(np.floor(255 * likely.cumsum(axis=0) / total), PAD)
-        share[:PAD] = 0  # above the canvas there is none yet
-        assert np.array_equal(next(maps), share)
-        assert np.array_equal(next(maps), edge_on(np.floor(np.minimum(4 * total, 255)) * np.ones(CANVAS), PAD))
-    assert len(list(maps)) == 2
+    lip = np.clip(0.25 * odds[0] + 0.5, 0, 1)
+    total = 1e-3 + lip.sum(axis=0)
+    share = edge_on(np.floor(255 * lip.cumsum(axis=0) / total), PAD)
+    share[:PAD] = 0  # above the canvas there is no lip yet
+    assert np.array_equal(next(maps), share)
+    assert np.array_equal(next(maps), edge_on(np.floor(np.minimum(4 * total, 255)) * np.ones(CANVAS), PAD))
 
 
 @pytest.mark.parametrize("box", sorted({*features.COARSE_BLURS, *sum(features.FINE_BLURS, ()), *features.ODDS_BLURS}))
@@ -175,7 +173,7 @@ def test_every_sum_a_box_can_have_is_divided_and_rounded_right(box):
 
 
 def test_place_in_the_lips_runs_from_their_upper_to_their_lower_edge():
-    share, amount = fine(face(CANVAS))[-8:-6, PAD:-PAD, PAD:-PAD]
+    share, amount = fine(face(CANVAS))[-4:-2, PAD:-PAD, PAD:-PAD]
     assert (np.diff(share.astype(int), axis=0) >= 0).all()
     assert (share[:36] == 0).all()  # the lips are about row 56, some 30 rows of them
     assert (share[80:] >= 254).all()
