@@ -113,7 +113,7 @@ def test_a_mouth_of_the_right_size_lies_in_the_middle_and_fills_half_the_canvas(
         rows, cols = (np.flatnonzero((shares[LIP] > 0.5).any(axis=axis)) for axis in (1, 0))
         assert abs((rows[0] + rows[-1]) / 2 - (still.size[0] - 1) / 2) < 2
         assert abs((cols[0] + cols[-1]) / 2 - (still.size[1] - 1) / 2) < 4  # thin corners may fall short
-        assert abs(cols[-1] - cols[0] + 1 - still.size[1] / 2) < 6
+        assert -12 < cols[-1] - cols[0] + 1 - still.size[1] / 2 < 6  # a turned head looks narrower
 
 
 def test_a_canvas_without_a_mouth_passes_through_both_stages(coarse):
@@ -241,7 +241,7 @@ def chance_above(some, others):
 
 def test_the_fine_stage_learns_from_the_coarse_answers(coarse, capsys):
     fine = train.train_stage(replace(train.FINE_STAGE, **TINY), partial(train.fine_example, coarse), scale=0.003)
-    assert fine.leaves.shape == (20, 32, 2) and np.isfinite(fine.leaves).all()
+    assert fine.leaves.shape == (20, 32, 3) and np.isfinite(fine.leaves).all()
     coarse_answers = train.FINE_STAGE.maps - 4 - 6  # before them the colours, after them place on the lips and canvas
     assert (fine.questions[..., 0] >= coarse_answers).any()
     assert "fine, 20 trees" in capsys.readouterr().out
