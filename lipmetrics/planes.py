@@ -31,7 +31,7 @@ _EIGHTHS = 3  # samples are kept in eighths, as bits
 
 @lru_cache(maxsize=32)
 def coefficients(matrix: int, full_range: bool) -> np.ndarray:
-    """(6,) int16: luma of black in eighths, and 13 bits after the point of luma, V to red, U to blue, U and V to green.
+    """(6,) int32: luma of black in eighths, and 13 bits after the point of luma, V to red, U to blue, U and V to green.
 
     matrix : one of MATRICES
     """
@@ -40,7 +40,7 @@ def coefficients(matrix: int, full_range: bool) -> np.ndarray:
         chroma = [int(value * 224 / 255) for value in _COEFFICIENTS[matrix]]
     else:
         black, luma, chroma = 16, (255 << 16) // 219, _COEFFICIENTS[matrix]
-    return np.array([black << _EIGHTHS, *((value + 4) >> 3 for value in (luma, *chroma))], np.int16)
+    return np.array([black << _EIGHTHS, *((value + 4) >> 3 for value in (luma, *chroma))], np.int32)
 
 
 def averaged_rgb(
@@ -60,7 +60,7 @@ def averaged_rgb(
     _block_means(samples[0], *place, 0, 0, shrink, means[0])
     for plane, mean in zip(samples[1:], means[1:], strict=True):
         _block_means(plane, *place, *chroma_shifts, shrink, mean)
-    _to_rgb(means, coefficients, out)
+    _to_rgb(means, coefficients, shrink == 1, out)
     return out
 
 
@@ -116,28 +116,26 @@ def _block_means(plane, row, col, row_shift, col_shift, shrink, out):
             line[j] = np.int16(np.float32(picked[j]) * share + np.float32(0.5))
 
 
-@numba.njit(inline="always")
-def _product(value, factor):
-    return np.int16((np.int32(value) * np.int32(factor)) >> np.int32(16))
-
-
 @numba.njit(cache=True, nogil=True)
-def _to_rgb(means, coefficients, out):
+def _to_rgb(means, coefficients, cut, out):
+    """Colours of means in eighths; each product is cut to a whole number, or the sum loses what cuts take on average."""
     black, luma, red_v, blue_u, green_u, green_v = coefficients
-    middle, low, high = np.int16(1024), np.int16(0), np.int16(255)
+    middle, low, high, bits = np.int32(1024), np.int32(0), np.int32(255), np.int32(16)
+    kept = np.int32(-1 << 16 if cut else -1)
+    two_cuts, three_cuts = np.int32(0 if cut else -1 << 15), np.int32(0 if cut else -1 << 16)  # and rounding
     colours = np.empty((3, out.shape[1]), np.uint8)
     red, green, blue = colours[0], colours[1], colours[2]
     for i in range(out.shape[0]):
         ys, us, vs = means[0, i], means[1, i], means[2, i]
         for j in range(ys.size):
-            y = _product(np.int16(ys[j] - black), luma)
-            u, v = np.int16(us[j] - middle), np.int16(vs[j] - middle)
-            r = np.int16(y + _product(v, red_v))
-            g = np.int16(y + np.int16(_product(u, green_u) + _product(v, green_v)))
-            b = np.int16(y + _product(u, blue_u))
-            red[j] = np.uint8(min(max(r, low), high))
-            green[j] = np.uint8(min(max(g, low), high))
-            blue[j] = np.uint8(min(max(b, low), high))
+            y = (np.int32(ys[j] - black) * luma) & kept
+            u, v = np.int32(us[j] - middle), np.int32(vs[j] - middle)
+            r = (y + ((v * red_v) & kept) + two_cuts) >> bits
+            g = (y + ((u * green_u) & kept) + ((v * green_v) & kept) + three_cuts) >> bits
+            b = (y + ((u * blue_u) & kept) + two_cuts) >> bits
+            red[j] = np.uint8(min(max(np.int32(r), low), high))
+            green[j] = np.uint8(min(max(np.int32(g), low), high))
+            blue[j] = np.uint8(min(max(np.int32(b), low), high))
         line = out[i]
         for j in range(ys.size):
             line[j, 0] = red[j]
