@@ -118,7 +118,7 @@ def _block_means(plane, row, col, row_shift, col_shift, shrink, out):
 
 @numba.njit(cache=True, nogil=True)
 def _to_rgb(means, coefficients, cut, out):
-    """Colours of means in eighths; each product is cut to a whole number, or the sum loses what cuts take on average."""
+    """Colours of means in eighths. Products are cut to whole numbers, or their sum loses what cuts take on average."""
     black, luma, red_v, blue_u, green_u, green_v = coefficients
     middle, low, high, bits = np.int32(1024), np.int32(0), np.int32(255), np.int32(16)
     kept = np.int32(-1 << 16 if cut else -1)
