@@ -59,8 +59,7 @@ def lay_canvas(frame, box: Box, size: tuple[int, int] = CANVAS) -> np.ndarray | 
     high, wide = box.scale * (CANVAS[0] - 1) / 2, box.scale * (CANVAS[1] - 1) / 2
     down, across = high * abs(cos) + wide * abs(sin), wide * abs(cos) + high * abs(sin)
     margin = 2 + box.scale
-    # an even start keeps blocks of pixels together that share their chroma
-    row0, col0 = (max(math.floor(start), 0) & -2 for start in (box.row - down - margin, box.col - across - margin))
+    row0, col0 = max(math.floor(box.row - down - margin), 0), max(math.floor(box.col - across - margin), 0)
     row1 = min(math.ceil(box.row + down + margin) + 1, frame.height)
     col1 = min(math.ceil(box.col + across + margin) + 1, frame.width)
     if row1 - row0 < 2 or col1 - col0 < 2:

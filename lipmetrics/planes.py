@@ -31,7 +31,7 @@ _EIGHTHS = 3  # samples are kept in eighths, as bits
 
 @lru_cache(maxsize=32)
 def coefficients(matrix: int, full_range: bool) -> np.ndarray:
-    """(6,) int16: luma of black in eighths, and 13 bits after the point of luma, V to red, U to blue, U and V to green.
+    """(6,) int32: luma of black in eighths, and 13 bits after the point of luma, V to red, U to blue, U and V to green.
 
     matrix : one of MATRICES
     """
@@ -40,7 +40,7 @@ def coefficients(matrix: int, full_range: bool) -> np.ndarray:
         chroma = [int(value * 224 / 255) for value in _COEFFICIENTS[matrix]]
     else:
         black, luma, chroma = 16, (255 << 16) // 219, _COEFFICIENTS[matrix]
-    return np.array([black << _EIGHTHS, *((value + 4) >> 3 for value in (luma, *chroma))], np.int16)
+    return np.array([black << _EIGHTHS, *((value + 4) >> 3 for value in (luma, *chroma))], np.int32)
 
 
 def averaged_rgb(
@@ -60,87 +60,82 @@ def averaged_rgb(
     _block_means(samples[0], *place, 0, 0, shrink, means[0])
     for plane, mean in zip(samples[1:], means[1:], strict=True):
         _block_means(plane, *place, *chroma_shifts, shrink, mean)
-    _to_rgb(means, coefficients, out)
+    _to_rgb(means, coefficients, shrink == 1, out)
     return out
-
-
-@numba.njit(inline="always")
-def _row_sums(plane, row, count, row_shift, first, out):
-    for j in range(out.size):
-        out[j] = 0
-    for r in range(row, row + count):
-        line = plane[r >> row_shift, first : first + out.size]
-        for j in range(out.size):
-            out[j] += line[j]
-
-
-@numba.njit(inline="always")
-def _means_of(sums, down, across, windows, picked, out):
-    """Means in eighths of `across` neighbours of sums over `down` rows; windows, picked : room for their sums."""
-    if across == 1:
-        for j in range(out.size):
-            picked[j] = sums[j]
-    else:
-        for j in range(windows.size):
-            windows[j] = sums[j]
-        for k in range(1, across):
-            later = sums[k:]
-            for j in range(windows.size):
-                windows[j] += later[j]
-        for j in range(out.size):
-            picked[j] = windows[j * across]
-    share = np.float32(8 / (down * across))
-    for j in range(out.size):
-        out[j] = np.int16(np.float32(picked[j]) * share + np.float32(0.5))
 
 
 @numba.njit(cache=True, nogil=True)
 def _block_means(plane, row, col, row_shift, col_shift, shrink, out):
     """Means in eighths of blocks that begin at row, col, of a plane that has 1 sample for 2**shift rows or columns."""
     height, width = out.shape
+    if shrink == 1:
+        for i in range(height):
+            source, line = plane[(row + i) >> row_shift], out[i]
+            if col_shift:
+                for j in range(width):
+                    line[j] = source[(col + j) >> col_shift] << 3
+            else:
+                part = source[col : col + width]
+                for j in range(width):
+                    line[j] = part[j] << 3
+        return
     down, across = shrink, shrink
     if row_shift and shrink % 2 == row % 2 == 0:
         row, down, row_shift = row >> 1, down >> 1, 0
     if col_shift and shrink % 2 == col % 2 == 0:
         col, across, col_shift = col >> 1, across >> 1, 0
     first, last = col >> col_shift, (col + across * width - 1) >> col_shift
-    down_sums = np.empty(last + 1 - first, np.uint16)
-    sums = np.empty(2 * down_sums.size, np.uint16) if col_shift else down_sums
-    windows, picked = np.empty(across * (width - 1) + 1, np.int32), np.empty(width, np.int32)
+    sums = np.zeros(last + 2 - first, np.uint16)  # over the rows of a block; one more, which is 0
+    full = (across - 1) // 2 if col_shift else across  # samples of a block that are in no other
+    windows, picked = np.zeros(sums.size, np.int32), np.empty(width, np.int32)
+    share = np.float32(8 / (down * across))
     for i in range(height):
-        _row_sums(plane, row + i * down, down, row_shift, first, down_sums)
+        for j in range(sums.size):
+            sums[j] = 0
+            windows[j] = 0
+        for r in range(row + i * down, row + (i + 1) * down):
+            line = plane[r >> row_shift, first : last + 1]
+            for j in range(line.size):
+                sums[j] += line[j]
+        for k in range(full):
+            later = sums[k:]
+            for j in range(later.size):
+                windows[j] += later[j]
         if col_shift:
-            odd = col & 1
-            for j in range(down_sums.size - odd):
-                sums[2 * j] = down_sums[j]
-                sums[2 * j + 1] = down_sums[j + odd]
-            if odd:
-                sums[-2] = down_sums[-1]
-        _means_of(sums, down, across, windows, picked, out[i])
-
-
-@numba.njit(inline="always")
-def _product(value, factor):
-    return np.int16((np.int32(value) * np.int32(factor)) >> np.int32(16))
+            begin = col & 1
+            for j in range(width):
+                end = begin + across
+                # a sample stands for two columns, but at the ends of a block perhaps for one of them
+                picked[j] = 2 * windows[(begin + 1) >> 1] + (begin & 1) * sums[begin >> 1] + (end & 1) * sums[end >> 1]
+                begin = end
+        else:
+            for j in range(width):
+                picked[j] = windows[j * across]
+        line = out[i]
+        for j in range(width):
+            line[j] = np.int16(np.float32(picked[j]) * share + np.float32(0.5))
 
 
 @numba.njit(cache=True, nogil=True)
-def _to_rgb(means, coefficients, out):
+def _to_rgb(means, coefficients, cut, out):
+    """Colours of means in eighths. Products are cut to whole numbers, or their sum loses what cuts take on average."""
     black, luma, red_v, blue_u, green_u, green_v = coefficients
-    middle, low, high = np.int16(1024), np.int16(0), np.int16(255)
+    middle, low, high, bits = np.int32(1024), np.int32(0), np.int32(255), np.int32(16)
+    kept = np.int32(-1 << 16 if cut else -1)
+    two_cuts, three_cuts = np.int32(0 if cut else -1 << 15), np.int32(0 if cut else -1 << 16)  # and rounding
     colours = np.empty((3, out.shape[1]), np.uint8)
     red, green, blue = colours[0], colours[1], colours[2]
     for i in range(out.shape[0]):
         ys, us, vs = means[0, i], means[1, i], means[2, i]
         for j in range(ys.size):
-            y = _product(np.int16(ys[j] - black), luma)
-            u, v = np.int16(us[j] - middle), np.int16(vs[j] - middle)
-            r = np.int16(y + _product(v, red_v))
-            g = np.int16(y + np.int16(_product(u, green_u) + _product(v, green_v)))
-            b = np.int16(y + _product(u, blue_u))
-            red[j] = np.uint8(min(max(r, low), high))
-            green[j] = np.uint8(min(max(g, low), high))
-            blue[j] = np.uint8(min(max(b, low), high))
+            y = (np.int32(ys[j] - black) * luma) & kept
+            u, v = np.int32(us[j] - middle), np.int32(vs[j] - middle)
+            r = (y + ((v * red_v) & kept) + two_cuts) >> bits
+            g = (y + ((u * green_u) & kept) + ((v * green_v) & kept) + three_cuts) >> bits
+            b = (y + ((u * blue_u) & kept) + two_cuts) >> bits
+            red[j] = np.uint8(min(max(np.int32(r), low), high))
+            green[j] = np.uint8(min(max(np.int32(g), low), high))
+            blue[j] = np.uint8(min(max(np.int32(b), low), high))
         line = out[i]
         for j in range(ys.size):
             line[j, 0] = red[j]

@@ -51,8 +51,9 @@ def test_averages_are_those_of_the_converted_picture(pixel_format, shrink, regio
     frame = frame_of(pixel_format)
     off = frame.averaged(region, shrink) - block_means(frame.rgb(region), shrink)
     assert np.abs(off).max() < 3  # green is the sum of three products that are cut to whole numbers
-    assert np.abs(off).mean() < 0.7
-    assert abs(off.mean()) < 0.5
+    if off.size > 300:
+        assert np.abs(off).mean() < 0.4
+        assert np.abs(off.mean(axis=(0, 1))).max() < 0.2
 
 
 @pytest.mark.parametrize("turn", [Turn(*flags) for flags in product([False, True], repeat=3)], ids=str)
