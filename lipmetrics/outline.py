@@ -34,35 +34,6 @@ def trace_outlines(mask: np.ndarray, min_area_px: int = 1) -> list[np.ndarray]:
     return outlines
 
 
-def level_outlines(field: np.ndarray, level: float) -> list[np.ndarray]:
-    """Outlines of the regions where a field is above a level, between pixels by linear interpolation, largest first.
-
-    field : (H, W) float32; beyond its border it counts as below the level. Holes are filled.
-
-    Returns
-    -------
-    one polygon per region, each (n, 2) float64 (row, column) in px
-    """
-    from contourpy import contour_generator
-
-    rows, cols = np.flatnonzero((field > level).any(axis=1)), np.flatnonzero((field > level).any(axis=0))
-    if not len(rows):
-        return []
-    top, left = max(rows[0] - 1, 0), max(cols[0] - 1, 0)  # the pixels around it say where between them the edge runs
-    inside = field[top : rows[-1] + 2, left : cols[-1] + 2]
-    part = np.full((inside.shape[0] + 2, inside.shape[1] + 2), np.float32(level - 1))
-    part[1:-1, 1:-1] = inside
-    lines = contour_generator(z=part).lines(level)
-    outlines = [line[:-1, ::-1] + (top - 1, left - 1) for line in lines if len(line) > 3 and _turn(line) > 0]
-    return sorted(outlines, key=lambda outline: -_turn(outline[:, ::-1]))
-
-
-def _turn(points: np.ndarray) -> float:
-    """Signed area of a polygon (n, 2) (x, y): positive around a region above the level, negative around a hole."""
-    x, y = points.T
-    return 0.5 * float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))
-
-
 def fill_outlines(outlines: list[np.ndarray], shape: tuple[int, int]) -> np.ndarray:
     """Mask (H, W) bool of the pixels whose centre lies inside one of the polygons, (n, 2) (row, column) each."""
     mask = np.zeros(shape, bool)
