@@ -48,8 +48,8 @@ AS_IT_COMES = {"as it comes": ({}, 1), "every 2nd frame": ({}, 2), "every 3rd fr
 VARIANTS: dict[str, dict[str, tuple[dict[str, object], int]]] = {
     "default": AS_IT_COMES
     | {f"keeps {steady:g} of the frame before": ({"steady": steady}, 1) for steady in (0.0, 0.8)}
-    | {f"opening above {odds:+g}": ({"open_above": odds}, 1) for odds in (-0.75, 0.5)}
-    | {f"canvas laid anew after {far:g} mw": ({"move_mw": far}, 1) for far in (0.03, 0.12)},
+    | {f"open above evidence {least:g}": ({"sure_above": least}, 1) for least in (10.0, 40.0)}
+    | {f"canvas follows half of {far:g} mw": ({"move_mw": far}, 1) for far in (0.03, 0.12)},
     "thesis": AS_IT_COMES
     | {f"median filter of {size} px": ({"median_px": size}, 1) for size in (1, 3, 9)}
     | {f"correlated by {name!r}": ({"correlation": name}, 1) for name in ("and", "mean")},

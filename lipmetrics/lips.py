@@ -1,14 +1,14 @@
-"""The default method: find the mouth, lay a canvas over it, classify its pixels, trace the openings.
+"""The default method: find the mouth, lay a canvas over it, classify its pixels, decide what is open.
 
 Two stages of one kind of classifier (`lipmetrics.forest`), trained on drawn mouths (`lipmetrics.artificial`) and
 on nothing else: a coarse one that says where the lips are, and a fine one that sees the coarse answer and the
-colours relative to this person's lips and skin. The canvas follows the mouth, but is laid anew only when the
-mouth has moved on it: a still face gives a still measurement.
+colours relative to this person's lips and skin. Their answers are made into one mouth by `lipmetrics.decode`. The
+canvas follows the mouth, small steps by a part only: a still face gives a still measurement.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from importlib import resources
 
@@ -18,21 +18,21 @@ import numpy as np
 
 from lipmetrics import features
 from lipmetrics.box import CANVAS, COARSE, MOUTH, Box, lay_canvas, nine_of_sixteen
+from lipmetrics.decode import Mouth, decode
 from lipmetrics.errors import InputError
 from lipmetrics.find import places
 from lipmetrics.forest import load_forest, log_odds
 from lipmetrics.look import CLOSED, NO_MOUTH, OPEN, Look
-from lipmetrics.outline import level_outlines
 from lipmetrics.regions import likeliest_region, middle_row, sums_over
 
-LIP, OPENING, LOWER = range(3)  # outputs: lip or opening, opening; of the coarse stage also lower lip
+LIP, OPENING, LOWER = range(3)  # outputs: lip or opening, opening, lower lip
 ELSEWHERE = -4.0  # log-odds of what was not looked at, far from the lips
-NEAR_MW = 0.25  # an opening this far above or below the middle of the lips needs e times the evidence
-FILLED = 0.5  # above 0, the level of the outlines
-_CLOSING = np.ones((5, 9), np.uint8)  # an opening may cut the lips' outline by so many rows and columns
 MIN_WIDTH_PX = 12  # narrower mouths have nothing left to measure
+MAX_ROLL_RAD = 0.4  # of a mouth just found: what looks more tilted is seldom a mouth
 SETTLE_STEPS = 4  # at most, of the canvas over a mouth just found
+LOOK_ROUND = 8  # every so many frames the whole canvas is looked at, not only where the mouth was
 MARGIN = 8  # px around the lips that are looked at again: in a frame the lips move less than that
+CENTRAL = (20, 92, 14, 114)  # of the fine canvas: looked at in the first frame, even if the coarse look sees less
 Region = tuple[int, int, int, int]  # half-open part (row0, row1, col0, col1) of a canvas
 
 
@@ -40,8 +40,10 @@ Region = tuple[int, int, int, int]  # half-open part (row0, row1, col0, col1) of
 class LipSettings:
     """Settings of `method="default"`. Lengths in mouth widths (mw), evidence in log-odds.
 
-    open_above : a pixel is opening above this
-    sure_above : an opening has a pixel above this, or it is not counted
+    lean : added to the log-odds of opening
+    sure_above : evidence of an opening, above which it is counted: log-likelihood ratio of all its pixels, as if they
+        were independent
+    switch : evidence that it takes to begin or end an opening within the mouth
     min_height_mw : lower openings are not counted
     found_above : score, 0 to 1, above which a place in the picture counts as a mouth
     found_in_face : the same for the lower part of a face
@@ -50,22 +52,26 @@ class LipSettings:
     steady : how much of the evidence of the frame before is kept where the picture has not changed, 0 to below 1
     change : difference in grey levels up to which a pixel has not changed; at twice that nothing is kept
     hysteresis : added to sure_above after a closed frame, taken off after an open one
-    move_mw, resize, turn_rad : the canvas is laid anew when the mouth has moved, grown or turned by this much
+    move_mw, resize, turn_rad : when the mouth has moved, grown or turned by this much the canvas follows half of it; by
+        less, less; by much more, wholly
+    rest : below this share of them it stays where it is
     """
 
-    open_above: float = -0.25
-    sure_above: float = 1.5
+    lean: float = 0.4
+    sure_above: float = 15.0
+    switch: float = 6.0
     min_height_mw: float = 0.022
     found_above: float = 0.45
     found_in_face: float = 0.08
-    confirmed_above: float = 0.65
+    confirmed_above: float = 0.4
     lost_below: float = 0.1
     steady: float = 0.6
     change: float = 6.0
-    hysteresis: float = 0.3
+    hysteresis: float = 7.0
     move_mw: float = 0.06
     resize: float = 0.08
     turn_rad: float = 0.06
+    rest: float = 0.3
 
     def __post_init__(self) -> None:
         if not (0 <= self.steady < 1 and self.change > 0 and self.hysteresis >= 0):
@@ -74,10 +80,8 @@ class LipSettings:
             raise InputError(
                 f"expected 0 <= lost_below <= found_above <= 1, got {self.lost_below} and {self.found_above}"
             )
-        if not self.open_above <= self.sure_above:
-            raise InputError(f"expected open_above <= sure_above, got {self.open_above} and {self.sure_above}")
-        if min(self.min_height_mw, self.move_mw, self.resize, self.turn_rad) < 0:
-            raise InputError("expected min_height_mw, move_mw, resize and turn_rad of at least 0")
+        if min(self.min_height_mw, self.move_mw, self.resize, self.turn_rad, self.rest) < 0:
+            raise InputError("expected min_height_mw, move_mw, resize, turn_rad and rest of at least 0")
 
 
 @lru_cache(maxsize=1)
@@ -109,14 +113,25 @@ def fine_inputs(canvas: np.ndarray, coarse: np.ndarray, region: Region | None = 
     return features.fine_maps(ratios, middles, enlarged, region)
 
 
+def _only(odds: np.ndarray, region: Region) -> np.ndarray:
+    """The log-odds (outputs, rows, cols) inside a region, ELSEWHERE around it."""
+    row0, row1, col0, col1 = region
+    out = np.full_like(odds, ELSEWHERE)
+    out[:, row0:row1, col0:col1] = odds[:, row0:row1, col0:col1]
+    return out
+
+
 def coarse_odds(canvas: np.ndarray, region: Region | None = None) -> np.ndarray:
     """Log-odds (3, *COARSE) float32 of a canvas (*COARSE, 3) uint8 RGB; ELSEWHERE outside the region."""
     return _odds(forests()[0], coarse_inputs(canvas, region), COARSE, region)
 
 
 def fine_odds(canvas: np.ndarray, coarse: np.ndarray, region: Region | None = None) -> np.ndarray:
-    """Log-odds (2, *CANVAS) float32 of a canvas (*CANVAS, 3) uint8 RGB and its coarse log-odds; region as above."""
-    return _odds(forests()[1], fine_inputs(canvas, coarse, region), CANVAS, region)
+    """Log-odds (3, *CANVAS) float32 of a canvas (*CANVAS, 3) uint8 RGB and its coarse log-odds; region as above."""
+    odds = _odds(forests()[1], fine_inputs(canvas, coarse, region), CANVAS, region)
+    if len(odds) > LOWER:
+        return odds
+    return np.concatenate([odds, cv2.resize(coarse[LOWER], CANVAS[::-1])[None]])  # a forest without the lower lip
 
 
 def _odds(forest, maps: np.ndarray, size: tuple[int, int], region: Region | None) -> np.ndarray:
@@ -149,45 +164,13 @@ def _equal(canvas: np.ndarray, other: np.ndarray) -> bool:
 
 @dataclass(frozen=True)
 class Lips:
-    """The lips on a canvas: mask (rows, cols) bool, and (top, bottom, left, right) half open in its px."""
+    """What looks like lips on a canvas: mask (rows, cols) bool, and (top, bottom, left, right) half open in its px."""
 
     mask: np.ndarray
     top: int
     bottom: int
     left: int
     right: int
-
-    def region(self, size: tuple[int, int]) -> Region:
-        """The part of a canvas of `size` with these lips and MARGIN around them."""
-        per_row, per_col = size[0] / self.mask.shape[0], size[1] / self.mask.shape[1]
-        return (
-            max(int(self.top * per_row) - MARGIN, 0),
-            min(int(np.ceil(self.bottom * per_row)) + MARGIN, size[0]),
-            max(int(self.left * per_col) - MARGIN, 0),
-            min(int(np.ceil(self.right * per_col)) + MARGIN, size[1]),
-        )
-
-    def centred(self, enlarged: float) -> Lips:
-        """Where these lips lie on a canvas laid over their middle, on which everything is so much larger; no mask."""
-        rows, cols = self.mask.shape
-        high, wide = enlarged * (self.bottom - self.top) / 2, enlarged * (self.right - self.left) / 2
-        return replace(
-            self,
-            top=max(int(rows / 2 - high), 0),
-            bottom=min(int(np.ceil(rows / 2 + high)), rows),
-            left=max(int(cols / 2 - wide), 0),
-            right=min(int(np.ceil(cols / 2 + wide)), cols),
-        )
-
-    def fits(self, region: Region, size: tuple[int, int]) -> bool:
-        """Whether the lips end inside the region, or where the canvas ends."""
-        row0, row1, col0, col1 = region
-        return (
-            (self.top > row0 or row0 == 0)
-            and (self.bottom < row1 or row1 == size[0])
-            and (self.left > col0 or col0 == 0)
-            and (self.right < col1 or col1 == size[1])
-        )
 
     @property
     def corners(self) -> np.ndarray:
@@ -197,9 +180,9 @@ class Lips:
         return np.array([(left_row, self.left - 0.5), (right_row, self.right - 0.5)])
 
 
-def main_lips(odds: np.ndarray, region: Region | None = None) -> Lips | None:
-    """The connected lips nearest the middle of a canvas, from log-odds (rows, cols) in the region; None without any."""
-    found = likeliest_region(odds, _middle_weight(odds.shape), region or (0, odds.shape[0], 0, odds.shape[1]))
+def main_lips(odds: np.ndarray) -> Lips | None:
+    """The connected lips nearest the middle of a canvas, from log-odds (rows, cols); None without any."""
+    found = likeliest_region(odds, _middle_weight(odds.shape), (0, odds.shape[0], 0, odds.shape[1]))
     if found is None:
         return None
     mask, (left, top, width, height, area) = found
@@ -208,7 +191,7 @@ def main_lips(odds: np.ndarray, region: Region | None = None) -> Lips | None:
     return Lips(mask, top, top + height, left, left + width)
 
 
-def mouth_score(odds: np.ndarray, lips: Lips | None) -> float:
+def lips_score(odds: np.ndarray, lips: Lips | None) -> float:
     """How much log-odds (rows, cols) of a canvas look like one mouth in its middle, 0 to 1.
 
     The lips' mean probability, less the share of what looks like lips but is elsewhere or runs off the canvas.
@@ -236,6 +219,68 @@ def moved_box(box: Box, lips: Lips, size: tuple[int, int]) -> Box:
     row, col = box.to_picture(middle[None])[0]
     tilt = np.arctan2(corners[1, 0] - corners[0, 0], corners[1, 1] - corners[0, 1])
     width = (lips.right - lips.left) * to_fine[1] * box.scale
+    return Box(
+        float(row), float(col), float(width), float(np.clip(box.roll_rad + 0.7 * tilt, -MAX_ROLL_RAD, MAX_ROLL_RAD))
+    )
+
+
+def region_of(mouth: Mouth, size: tuple[int, int], other: tuple[int, int]) -> Region:
+    """The part of a canvas of the `other` size with a mouth found on one of `size`, and MARGIN px around it."""
+    per_row, per_col = other[0] / size[0], other[1] / size[1]
+    return (
+        max(int((mouth.top.min() + 0.5) * per_row) - MARGIN, 0),
+        min(int(np.ceil((mouth.bottom.max() + 0.5) * per_row)) + MARGIN, other[0]),
+        max(int(mouth.left * per_col) - MARGIN, 0),
+        min(int(np.ceil(mouth.right * per_col)) + MARGIN, other[1]),
+    )
+
+
+def union(one: Region, other: Region) -> Region:
+    """The smallest region that holds both."""
+    return min(one[0], other[0]), max(one[1], other[1]), min(one[2], other[2]), max(one[3], other[3])
+
+
+def fits(mouth: Mouth, region: Region, size: tuple[int, int]) -> bool:
+    """Whether a mouth on a canvas of `size` ends inside the region, or where the canvas ends."""
+    row0, row1, col0, col1 = region
+    return (
+        (mouth.top.min() > row0 or row0 == 0)
+        and (mouth.bottom.max() < row1 - 1 or row1 == size[0])
+        and (mouth.left > col0 or col0 == 0)
+        and (mouth.right < col1 or col1 == size[1])
+    )
+
+
+def mouth_score(odds: np.ndarray, mouth: Mouth) -> float:
+    """How much log-odds of lips or opening (rows, cols) look like this one mouth in the middle of a canvas, 0 to 1.
+
+    Its mean probability, less the share of what looks like lips but is elsewhere; less if it is off the middle, of the
+    wrong size, or runs off the canvas.
+    """
+    rows, cols = odds.shape
+    row = np.arange(rows)[:, None]
+    inside = (row > mouth.top) & (row < mouth.bottom)
+    area = np.count_nonzero(inside)
+    if area == 0:
+        return 0.0
+    found = odds[:, mouth.left : mouth.right][inside]
+    chance = float(np.mean(1 / (1 + np.exp(-found))))  # teeth that do not look like a mouth must not hide its lips
+    elsewhere = np.count_nonzero(odds > 0) - np.count_nonzero(found > 0)
+    stray = elsewhere / (elsewhere + 2 * area)
+    off_size = abs(np.log((mouth.right - mouth.left) / (cols * MOUTH / CANVAS[1])))
+    middle = mouth.middle
+    off_centre = np.hypot(middle[0] - (rows - 1) / 2, middle[1] - (cols - 1) / 2) / cols
+    runs_off = mouth.left == 0 or mouth.right == cols or mouth.top.min() < 0 or mouth.bottom.max() > rows - 1
+    score = chance * (1 - stray) * np.exp(-((off_size / 0.6) ** 2) - (off_centre / 0.25) ** 2)
+    return float(score * (0.6 if runs_off else 1.0))
+
+
+def mouth_box(box: Box, mouth: Mouth, size: tuple[int, int]) -> Box:
+    """The box of a mouth found on a canvas of `size` that was laid by `box`."""
+    to_fine = np.array(CANVAS) / np.array(size)
+    row, col = box.to_picture((np.array([mouth.middle]) + 0.5) * to_fine - 0.5)[0]
+    tilt = np.arctan(mouth.slope * to_fine[0] / to_fine[1])
+    width = (mouth.right - mouth.left) * to_fine[1] * box.scale
     return Box(float(row), float(col), float(width), float(np.clip(box.roll_rad + 0.7 * tilt, -0.7, 0.7)))
 
 
@@ -250,59 +295,11 @@ def settle(frame, box: Box, steps: int) -> tuple[Box, float]:
         lips = main_lips(odds)
         if lips is None:
             return box, 0.0
-        score = mouth_score(odds, lips)
+        score = lips_score(odds, lips)
         box = moved_box(box, lips, COARSE)
         if not MIN_WIDTH_PX <= box.width_px <= 4 * frame.width:
             return box, 0.0
     return box, score
-
-
-def openings_on(odds: np.ndarray, lips: Lips, settings: LipSettings) -> tuple[np.ndarray, float]:
-    """Which openings count: a field (rows, cols) float32 above 0 inside them, and the peak log-odds of the best.
-
-    odds : fine log-odds (outputs, rows, cols). An opening lies in the lips, is high enough and somewhere sure. Openings
-    of one mouth lie side by side, so of two in the same columns the one with more evidence counts: the other is a
-    shadow under the lip or the nose.
-    """
-    row0, row1, col0, col1 = lips.region(lips.mask.shape)
-    middle = (lips.mask.shape[0] - 1) / 2 - row0
-    odds, mask = odds[:, row0:row1, col0:col1], lips.mask[row0:row1, col0:col1]
-    field = np.minimum(odds[OPENING] - settings.open_above, odds[LIP] + 1)
-    around = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, _CLOSING) > 0
-    count, labels, stats, _ = cv2.connectedComponentsWithStats((field > 0).astype(np.uint8), connectivity=4)
-    low = settings.min_height_mw * MOUTH
-    nearness = np.exp(-(((np.arange(row1 - row0) - middle) / (NEAR_MW * MOUTH)) ** 2))
-    likely = []
-    for k in range(1, count):
-        left, top, width, height, area = stats[k]
-        if height < low or area < 6:
-            continue
-        window = np.s_[top : top + height, left : left + width]
-        part = labels[window] == k
-        if part.sum(axis=0).max() < low or np.count_nonzero(part & around[window]) < 0.6 * area:
-            continue
-        inside = odds[OPENING][window][part]
-        peak = float(np.partition(inside, -3)[-3:].mean())
-        if peak >= settings.sure_above:
-            evidence = float(np.clip(inside - settings.open_above, 0, 4).sum() * nearness[top + height // 2])
-            likely.append((evidence, left, left + width, k, peak))
-    likely.sort(reverse=True)
-    kept = []
-    for evidence, left, right, k, peak in likely:
-        apart = all(min(right, r) - max(left, a) <= 0.3 * min(right - left, r - a) for _, a, r, _, _ in kept)
-        if apart and evidence >= 0.05 * likely[0][0]:
-            kept.append((evidence, left, right, k, peak))
-    keep = np.zeros(count, bool)
-    keep[[k for *_, k, _ in kept]] = True
-    best = max((peak for *_, peak in kept), default=float(odds[OPENING][mask].max()))
-    field = np.where((labels > 0) & ~keep[labels], -1, field)
-    for *_, k, _ in kept:  # what lies in an opening, above and below it, is a tongue or a tooth
-        part = labels == k
-        held = np.maximum.accumulate(part, axis=0) & np.maximum.accumulate(part[::-1], axis=0)[::-1]
-        field = np.where(held & ~part, FILLED, field)
-    out = np.full(lips.mask.shape, -1, np.float32)
-    out[row0:row1, col0:col1] = field
-    return out, best
 
 
 @numba.njit(cache=True, nogil=True)
@@ -333,6 +330,16 @@ def _steady(canvas, canvas_before, odds, odds_before, keep, change):
                 new[j] += weight[j] * (old[j] - new[j])
 
 
+_BACKWARDS = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+
+
+def _warp(box: Box, other: Box) -> np.ndarray:
+    """Matrix (2, 3) from the (x, y) of one box's canvas to that of another's."""
+    corners = np.array([(0.0, 0.0), (0.0, 1.0), (1.0, 0.0)])
+    zero, right, down = other.to_canvas(box.to_picture(corners))[:, ::-1]
+    return np.column_stack([right - zero, down - zero, zero])
+
+
 class _Detector:
     """Looks at the frames of one clip in order; what it remembers is where the mouth was."""
 
@@ -348,6 +355,9 @@ class _Detector:
         self._region: Region | None = None  # of the coarse canvas as it is laid now, where the lips should be
         self._canvas: np.ndarray | None = None
         self._look: Look | None = None
+        self._seen: Region | None = None  # of the fine canvas, where the mouth was
+        self._settled = False
+        self._looked = 0
         self._earlier = None  # box, canvas and log-odds of the frame before
 
     def look(self, frame) -> Look:
@@ -372,7 +382,8 @@ class _Detector:
         if score < needed:
             self._forget()
             return Look(NO_MOUTH, confidence=0.0)
-        self._canvas, self._look = canvas, look
+        self._box = box
+        self._canvas, self._look, self._settled = canvas, look, True
         return look
 
     def _search(self, frame) -> float | None:
@@ -398,58 +409,89 @@ class _Detector:
         lost = Look(NO_MOUTH, confidence=0.0), 0.0
         if canvas is None:
             return lost
-        coarse, lips = self._coarse(shrunk(canvas))
-        if lips is None:
-            return lost
-        region = lips.region(CANVAS)
+        coarse, mouth = self._coarse(shrunk(canvas))
+        region = self._seen or CENTRAL
+        if mouth is not None:
+            region = union(region_of(mouth, COARSE, CANVAS), region)
         odds = self._steadied(canvas, fine_odds(canvas, coarse, region))
-        lips = main_lips(odds[LIP], region)
-        if lips is None:
+        mouth = decode(odds, region, self.settings.lean)
+        if mouth is None:
             return lost
         box, settings = self._box, self.settings
-        score = mouth_score(odds[LIP], lips)
+        score = mouth_score(odds[LIP], mouth)
+        openings = [each for each in mouth.openings(settings.switch) if each.height >= settings.min_height_mw * MOUTH]
+        needed = settings.sure_above
         if self._look is not None:
-            sign = 1 if self._look.status == CLOSED else -1
-            settings = replace(settings, sure_above=settings.sure_above + sign * settings.hysteresis)
-        field, peak = openings_on(odds, lips, settings)
-        outlines = [box.to_picture(outline) for outline in level_outlines(field, 0.0)]
-        self._region = lips.region(COARSE)
-        self._follow(moved_box(box, lips, CANVAS), lips)
-        decided = np.tanh(abs(peak - settings.sure_above) / 2)
+            needed += settings.hysteresis if self._look.status == CLOSED else -settings.hysteresis
+        outlines = [box.to_picture(each.outline) for each in openings if each.evidence >= needed]
+        self._region, self._seen = region_of(mouth, CANVAS, COARSE), region_of(mouth, CANVAS, CANVAS)
+        self._follow(mouth_box(box, mouth, CANVAS))
+        evidence = max((each.evidence for each in openings), default=0.0)
+        decided = np.tanh(abs(np.log((evidence + 1) / (settings.sure_above + 1))) / 2)
         confidence = float(score * (0.3 + 0.7 * decided))
-        return Look(OPEN if outlines else CLOSED, outlines, box.to_picture(lips.corners), confidence), score
+        return Look(OPEN if outlines else CLOSED, outlines, box.to_picture(mouth.corners), confidence), score
 
     def _steadied(self, canvas: np.ndarray, odds: np.ndarray) -> np.ndarray:
         """Log-odds drawn towards those of the frame before where the picture is the same: noise is not movement."""
         earlier, settings = self._earlier, self.settings
-        if earlier is not None and earlier[0] is self._box and settings.steady > 0:
-            _steady(canvas, earlier[1], odds, earlier[2], settings.steady, settings.change)
+        if earlier is not None and settings.steady > 0:
+            box, seen, known = earlier
+            if box is not self._box:
+                back = _warp(self._box, box)
+                seen = cv2.warpAffine(seen, back, CANVAS[::-1], flags=_BACKWARDS, borderMode=cv2.BORDER_REPLICATE)
+                known = np.stack(
+                    [
+                        cv2.warpAffine(each, back, CANVAS[::-1], flags=_BACKWARDS, borderValue=ELSEWHERE)
+                        for each in known
+                    ]
+                )
+            _steady(canvas, seen, odds, known, settings.steady, settings.change)
         self._earlier = (self._box, canvas, odds)
         return odds
 
-    def _coarse(self, canvas: np.ndarray) -> tuple[np.ndarray, Lips | None]:
-        """Coarse log-odds and lips, looking only around where the lips were while they stay there."""
-        if self._region is not None:
-            region = self._region
-            odds = coarse_odds(canvas, region)
-            lips = main_lips(odds[LIP], region)
-            if lips is not None and lips.fits(region, COARSE):
-                return odds, lips
-        odds = coarse_odds(canvas)
-        return odds, main_lips(odds[LIP])
+    def _coarse(self, canvas: np.ndarray) -> tuple[np.ndarray, Mouth | None]:
+        """Coarse log-odds and mouth, looking only around where the mouth was while it stays there.
 
-    def _follow(self, seen: Box, lips: Lips) -> None:
-        """Lay the canvas anew for the next frame if the mouth has left its place."""
+        Every LOOK_ROUND frames it looks at the whole canvas, lest it follow a part of the mouth.
+        """
+        self._looked += 1
+        region = self._region
+        if region is not None:
+            whole = self._looked % LOOK_ROUND == 0
+            odds = coarse_odds(canvas, None if whole else region)
+            mouth = decode(odds, None if whole else region)
+            if mouth is not None and fits(mouth, region, COARSE):
+                if whole:  # as if it had not been looked at, so that the fine answer does not jump
+                    odds = _only(odds, region)
+                return odds, mouth
+        self._seen = None
+        odds = coarse_odds(canvas)
+        return odds, decode(odds)
+
+    def _follow(self, seen: Box) -> None:
+        """Let the canvas of the next frame follow the mouth: wholly a mouth just found, else the more it has moved."""
         now, s = self._box, self.settings
         if not seen.width_px >= MIN_WIDTH_PX:
             return
-        moved = np.hypot(seen.row - now.row, seen.col - now.col) > s.move_mw * now.width_px
-        resized = abs(np.log(seen.width_px / now.width_px)) > s.resize
-        turned = abs(seen.roll_rad - now.roll_rad) > s.turn_rad
-        if moved or resized or turned:
-            width = now.width_px * float(np.clip(seen.width_px / now.width_px, 0.8, 1.25))
-            self._box = replace(seen, width_px=width)
-            self._region = lips.centred(now.scale / self._box.scale).region(COARSE)
+        steps = (
+            np.hypot(seen.row - now.row, seen.col - now.col) / (s.move_mw * now.width_px),
+            np.log(seen.width_px / now.width_px) / s.resize,
+            (seen.roll_rad - now.roll_rad) / s.turn_rad,
+        )
+        if self._settled:
+            move, resize, turn = (z * z / (1 + z * z) if abs(z) > s.rest else 0.0 for z in steps)
+        else:
+            move = resize = turn = float(max(map(abs, steps)) > 1)
+        if max(move, resize, turn) == 0:
+            return
+        self._box = Box(
+            float(now.row + move * (seen.row - now.row)),
+            float(now.col + move * (seen.col - now.col)),
+            now.width_px * float(np.clip((seen.width_px / now.width_px) ** resize, 0.8, 1.25)),
+            float(now.roll_rad + turn * (seen.roll_rad - now.roll_rad)),
+        )
+        if max(move, resize, turn) > 0.5:
+            self._region = self._seen = None
 
 
 def make_detector(settings: LipSettings | None, info):

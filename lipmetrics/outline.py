@@ -34,20 +34,6 @@ def trace_outlines(mask: np.ndarray, min_area_px: int = 1) -> list[np.ndarray]:
     return outlines
 
 
-def level_outlines(field: np.ndarray, level: float) -> list[np.ndarray]:
-    """Outlines of the regions where a field is above a level, between pixels by linear interpolation, largest first.
-
-    field : (H, W) float32; beyond its border it counts as below the level. Holes are filled.
-
-    Returns
-    -------
-    one polygon per region, each (n, 2) float64 (row, column) in px
-    """
-    points, ends, areas = _trace_level(field, np.float32(level))
-    largest_first = np.argsort(-areas, kind="stable")
-    return [points[ends[k] : ends[k + 1]].copy() for k in largest_first if areas[k] > 0]
-
-
 def fill_outlines(outlines: list[np.ndarray], shape: tuple[int, int]) -> np.ndarray:
     """Mask (H, W) bool of the pixels whose centre lies inside one of the polygons, (n, 2) (row, column) each."""
     mask = np.zeros(shape, bool)
@@ -91,73 +77,6 @@ def _walk_edges(region):
         corners[k, 0] = rows[k]
         corners[k, 1] = cols[k]
     return corners
-
-
-@numba.njit(cache=True)
-def _trace_level(field, level):
-    """All lines of a level: points (n, 2) one after the other, 0 and where each line ends, areas, below 0 of holes.
-
-    Walks around every region with the region on the right hand, from pixel edge to pixel edge; each edge between a
-    pixel above the level and one that is not holds one point of the line.
-    """
-    height, width = field.shape
-    below = level - np.float32(1)  # beyond the border
-    done = np.zeros((height, width), np.bool_)  # upper edges that a line has gone along
-    most = 0
-    for i in range(height):
-        for j in range(width):
-            most += field[i, j] > level
-    points, ends, areas = np.empty((4 * most, 2)), np.zeros(most + 1, np.int64), np.empty(most)
-    n, lines = 0, 0
-    for first_row in range(height):
-        above = 0
-        for first_col in range(width):
-            above += field[first_row, first_col] > level
-        if not above:
-            continue
-        for first_col in range(width):
-            if not field[first_row, first_col] > level or done[first_row, first_col]:
-                continue
-            if first_row > 0 and field[first_row - 1, first_col] > level:
-                continue
-            row, col, d_row, d_col = first_row, first_col, 0, 1  # east along the upper edge of this pixel
-            begin, twice_area = n, 0.0
-            while True:
-                # row, col is the pixel on the right hand; the one on the left is not above the level
-                left_row, left_col = row - d_col, col + d_row
-                inside = 0 <= left_row < height and 0 <= left_col < width
-                here, there = np.float64(field[row, col]), np.float64(field[left_row, left_col] if inside else below)
-                share = (here - level) / (here - there)
-                points[n, 0] = row + share * (left_row - row)
-                points[n, 1] = col + share * (left_col - col)
-                if n > begin:
-                    twice_area += points[n - 1, 1] * points[n, 0] - points[n, 1] * points[n - 1, 0]
-                n += 1
-                if d_col == 1:
-                    done[row, col] = True
-                # the two pixels in front
-                right_row, right_col = row + d_row, col + d_col
-                left_row, left_col = left_row + d_row, left_col + d_col
-                inside = 0 <= right_row < height and 0 <= right_col < width
-                right = field[right_row, right_col] if inside else below
-                inside = 0 <= left_row < height and 0 <= left_col < width
-                left = field[left_row, left_col] if inside else below
-                # where two regions touch by a corner they are one if the middle of the four is above the level
-                joined = left > level and (right > level or (here + there + left + right) / 4 > level)
-                if joined:
-                    row, col = left_row, left_col
-                    d_row, d_col = -d_col, d_row
-                elif right > level:
-                    row, col = right_row, right_col
-                else:
-                    d_row, d_col = d_col, -d_row
-                if row == first_row and col == first_col and d_row == 0 and d_col == 1:
-                    break
-            twice_area += points[n - 1, 1] * points[begin, 0] - points[begin, 1] * points[n - 1, 0]
-            lines += 1
-            ends[lines] = n
-            areas[lines - 1] = twice_area / 2
-    return points, ends, areas[:lines]
 
 
 @numba.njit(cache=True)
