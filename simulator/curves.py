@@ -10,7 +10,6 @@ listing 3.1 for the key frames.
 
 from __future__ import annotations
 
-import difflib
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +18,7 @@ import numpy as np
 
 from simulator.atomic import whole_file
 from simulator.errors import InputError
+from simulator.wording import choices, nearest
 
 LOAD_SHAPES = ("POLY345", "RAMP", "STEP", "HILLY", "RAMPHOLD")
 SEGMENTS = ("linear", "geometric", "quarter_sin")
@@ -57,7 +57,7 @@ class LoadShape:
 
     def __post_init__(self):
         if self.name not in LOAD_SHAPES:
-            raise InputError(f"expected a load shape of {_listed(LOAD_SHAPES)}, got {_guess(self.name, LOAD_SHAPES)}")
+            raise InputError(f"expected a load shape of {choices(LOAD_SHAPES)}, got {nearest(self.name, LOAD_SHAPES)}")
         if not (self.duration_s > 0 and math.isfinite(self.duration_s)):
             raise InputError(f"expected the duration of a load shape to be above 0 s, got {self.duration_s}")
 
@@ -217,8 +217,8 @@ def read_key_frames(path: str | Path) -> KeyFrames:
             segments.append(words[0])
         else:
             raise InputError(
-                f"{path}, line {number}: expected a segment of {_listed(SEGMENTS)} between two key frames, "
-                f"got {_guess(' '.join(words), SEGMENTS)}"
+                f"{path}, line {number}: expected a segment of {choices(SEGMENTS)} between two key frames, "
+                f"got {nearest(' '.join(words), SEGMENTS)}"
             )
         if len(times) >= 2 and i % 2 == 0:
             try:
@@ -256,7 +256,7 @@ def _key_frame(words: list[str], place: str) -> tuple[float, float]:
 def _check_segment(segment: str, times_s, values) -> None:
     (t0, t1), (v0, v1) = times_s, values
     if segment not in SEGMENTS:
-        raise InputError(f"expected a segment of {_listed(SEGMENTS)}, got {_guess(segment, SEGMENTS)}")
+        raise InputError(f"expected a segment of {choices(SEGMENTS)}, got {nearest(segment, SEGMENTS)}")
     if not t1 > t0:
         raise InputError(f"expected key frames in increasing time, got {t1} s after {t0} s")
     if segment == "geometric" and (0 in (v0, v1) or (v0 > 0) != (v1 > 0)):
@@ -268,13 +268,3 @@ def _check_segment(segment: str, times_s, values) -> None:
 
 def _log_ratio(v0: float, v1: float) -> float:
     return math.log(abs(v1)) - math.log(abs(v0))
-
-
-def _listed(names) -> str:
-    return ", ".join(names[:-1]) + " or " + names[-1]
-
-
-def _guess(name: str, names) -> str:
-    near = difflib.get_close_matches(str(name).lower(), [known.lower() for known in names], n=1)
-    known = [known for known in names if near and known.lower() == near[0]]
-    return f"'{name}'" + (f"; did you mean '{known[0]}'?" if known else "")

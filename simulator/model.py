@@ -107,7 +107,9 @@ class Gravity:
                 f"expected Gravity with a finite acceleration and a direction of 3 numbers that are not all 0, "
                 f"got {self.acceleration} and {self.direction}"
             )
-        _set(self, direction=_read_only(direction / length))
+        if abs(length - 1) > 1e-15:  # a unit vector stays as it is, to the last bit, when it is written and read again
+            direction /= length
+        _set(self, direction=_read_only(direction))
         if self.nodes is not None:
             _set(self, nodes=_node_set(self, self.nodes))
         _check_shape(self)
