@@ -27,7 +27,7 @@ class Element:
     file: str
     line: int
     children: list[Element] = field(default_factory=list)
-    pieces: list[tuple[int, str]] = field(default_factory=list)  # (line, text)
+    pieces: list[tuple[int, str]] = field(default_factory=list)  # (line, text on that line)
 
     @property
     def place(self) -> str:
@@ -62,7 +62,7 @@ class Element:
         offset = starts[min(index, len(starts) - 1)]
         for line, text in self.pieces:
             if offset < len(text):
-                return f"{self.file}, line {line + text.count(chr(10), 0, offset)}"
+                return f"{self.file}, line {line}"
             offset -= len(text)
         raise IndexError(index)
 

@@ -125,6 +125,7 @@ def test_geometric_over_many_orders():
         (((0, np.inf), (0, 1), ("linear",)), "finite times and values"),
         (((0, 1), (0, 1), ("geometric",)), "geometric segment between two values of one sign"),
         (((0, 1), (-1, 1), ("geometric",)), "use linear"),
+        (((0, 1), (-1, 0), ("geometric",)), "got -1.0 and 0.0 from 0.0 to 1.0 s"),
         (((0, 1), (0, 1), ("quarter_sine",)), "did you mean 'quarter_sin'"),
         (((0, 1), (0,), ("linear",)), "2 times, 1 values"),
         (((0, 1), (0, 1), ()), "0 segments"),

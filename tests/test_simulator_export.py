@@ -145,7 +145,7 @@ def read_array(node):
     blocks = int(np.frombuffer(base64.b64decode(text[:12]), "<u8", 1)[0])
     header_chars = 4 * -(-(3 + blocks) * size // 3)
     header = np.frombuffer(base64.b64decode(text[:header_chars]), "<u8")
-    assert header[0] == blocks and len(header) == 3 + blocks
+    assert header[0] == blocks and len(header) == 3 + blocks and header[2] < header[1]
     data, raw, start = base64.b64decode(text[header_chars:], validate=True), b"", 0
     for i, length in enumerate(header[3:]):
         block = zlib.decompress(data[start : start + int(length)])
