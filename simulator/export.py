@@ -107,6 +107,21 @@ def load_elements(path: str | Path) -> tuple[np.ndarray, str, np.ndarray]:
         return file["elements"][()], file.attrs["element_type"], file["material_of"][()]
 
 
+def write_energies(motion: Motion, path: str | Path) -> None:
+    """Write the energy ledger as a table (CSV): `time_s` and one column per energy, J.
+
+    Raises
+    ------
+    InputError : a place that cannot be written to
+    """
+    columns = {"time_s": motion.time_s, **motion.energies}
+    rows = zip(*(np.asarray(values, float).tolist() for values in columns.values()), strict=True)
+    with whole_file(path) as part:
+        part.write_text(
+            "\n".join([",".join(columns), *(",".join(map(repr, row)) for row in rows), ""]), encoding="ascii"
+        )
+
+
 def write_vtk(
     motion: Motion,
     model: Model,

@@ -79,6 +79,14 @@ def test_units_and_materials_stand_in_the_file(tmp_path, model, motion):
     assert second["law"] == "ViscoNeoHookean" and second["isochoric"].tolist() == [[0.3, 0.1], [0.2, 4.0]]
 
 
+def test_the_energy_ledger_as_a_table(tmp_path, motion):
+    export.write_energies(motion, tmp_path / "energy.csv")
+    table = np.genfromtxt(tmp_path / "energy.csv", delimiter=",", names=True)
+    assert table.dtype.names == ("time_s", *ENERGIES)
+    assert np.array_equal(table["time_s"], motion.time_s)
+    assert all(np.array_equal(table[name], motion.energies[name]) for name in ENERGIES)
+
+
 def test_single_precision_stays_single(tmp_path, model, motion):
     motion = dataclasses.replace(motion, positions=motion.positions.astype(np.float32), stopped=None)
     export.write_motion(motion, model, tmp_path / "motion.h5")
