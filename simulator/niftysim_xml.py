@@ -325,21 +325,22 @@ def _element_set(element: Element, count: int) -> np.ndarray:
     if element.attribute("Size") == "all":
         return np.arange(count)
     size = _whole_attribute(element, "Size", 1)
-    members = _run(element, size, "element")
-    _check_indices(element, members, count, "element")
-    return members
+    return _run(element, size, count, "element")
 
 
-def _run(element: Element, size: int, what: str) -> np.ndarray:
-    """The numbers listed, or `size` consecutive ones where only the first is given."""
+def _run(element: Element, size: int, count: int, what: str) -> np.ndarray:
+    """The numbers listed, or `size` consecutive ones where only the first is given; all of them below `count`."""
+    if size > count:
+        raise InputError(f"{element.place}: expected a set of at most {count} {what} numbers, got one of {size}")
     listed = element.numbers(int, None, f"{size} {what} numbers, or the first of them,")
     if len(listed) == 1:
-        return listed[0] + np.arange(size)
+        listed = listed[0] + np.arange(size)
     if len(listed) != size:
         raise InputError(
             f"{element.place}: expected {size} {what} numbers, or the first of them, in <{element.tag}>, "
             f"got {len(listed)}"
         )
+    _check_indices(element, listed, count, what)
     return listed
 
 
@@ -419,8 +420,7 @@ def _read_node_set(element: Element, mesh: _Mesh) -> np.ndarray:
         return np.arange(len(mesh.nodes))
     size = _whole_attribute(element, "NumNodes", 1)
     listing = element.need("Nodes")
-    nodes = _run(listing, size, "node")
-    _check_indices(listing, nodes, len(mesh.nodes), "node")
+    nodes = _run(listing, size, len(mesh.nodes), "node")
     if len(np.unique(nodes)) < size:
         ordered = np.sort(nodes)
         raise InputError(

@@ -148,5 +148,5 @@ def parse(path: Path, what: str, check: Callable[[Element, Element | None], None
     except (LookupError, ValueError) as error:
         if isinstance(error, InputError):
             raise
-        raise InputError(f"{path}: expected XML in UTF-8, got another encoding ({error})") from None
+        raise InputError(f"{path}, line 1: expected XML in UTF-8, got another encoding ({error})") from None
     return roots[0]

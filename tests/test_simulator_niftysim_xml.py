@@ -1,5 +1,6 @@
 import dataclasses
 import os
+import re
 from pathlib import Path
 
 import numpy as np
@@ -362,7 +363,11 @@ FAULTS = {
     "empty element set": ([('Size="all"', 'Size="0"')], "line 22: expected Size .* at least 1"),
     "elements left out": ([('Size="all"', 'Size="1"')], "line 22: .* got element 1 in none and 1 such in all"),
     "elements twice": ([(MATERIAL, MATERIAL * 2)], "line 28: .* got element 0 in two"),
-    "element out of range": ([('Size="all"', 'Size="3"')], "expected element numbers from 0 to 1"),
+    "element out of range": (
+        [('"all">', '"1">'), ("    0\n", "    2\n")],
+        "line 26: expected element numbers from 0 to 1",
+    ),
+    "a set beyond the mesh": ([('Size="all"', f'Size="{10**30}"')], "line 22: expected a set of at most 2 element"),
     "unknown material": ([('"NH"', '"NHX"')], "line 23: expected Type to be NH, NHV or LE, got 'NHX'; did you mean"),
     "material not supported": ([('"NH"', '"TI"')], "line 23: material TI is not supported"),
     "parameter count": ([("800 7000", "800")], "line 24: expected 2 parameters of material NH .*, got 1 numbers"),
@@ -402,6 +407,41 @@ def test_one_sentence_with_file_and_line(read, fault):
     with pytest.raises(InputError, match=message) as caught:
         read(TWO_HEXAHEDRA, *changes)
     assert "model.xml, line " in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_damaged_files_are_read_or_refused_in_one_sentence(read, rng):
+    """Words left out, doubled, swapped or replaced: whatever comes, never another error."""
+    words = re.findall(r"\s+|[^\s<>\"=]+|.", TWO_HEXAHEDRA)
+    odd = [
+        "",
+        "-1",
+        "1e400",
+        "nan",
+        "9" * 20,
+        "<",
+        "&",
+        "\0",
+        "é",
+        "0x10",
+        "all",
+        "²",
+        "T4",
+        "NHV",
+        "<Nodes>",
+        "--",
+        "'",
+    ]
+    refused = 0
+    for _ in range(300):
+        damaged = list(words)
+        for place in rng.integers(0, len(words), 2):
+            damaged[place] = rng.choice([*odd, damaged[place] * 2, words[rng.integers(len(words))]])
+        try:
+            read("".join(damaged))
+        except InputError as error:
+            refused += 1
+            assert "model.xml, line " in str(error) and "\n" not in str(error)
+    assert refused > 200
 
 
 def test_no_entities_and_nothing_from_outside(read, tmp_path):
