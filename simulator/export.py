@@ -11,7 +11,8 @@ import json
 import math
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING
 from xml.sax.saxutils import quoteattr
@@ -31,8 +32,14 @@ _VTK_CELLS = {"H8": (12, 8), "T4": (10, 4), "T4ANP": (10, 4)}  # VTK_HEXAHEDRON,
 _BLOCK = 2**20  # bytes that are compressed together
 
 
-def write_motion(motion: Motion, model: Model, path: str | Path) -> None:
+def write_motion(motion: Motion, model: Model, path: str | Path, provenance: Mapping | None = None) -> None:
     """Write a motion and the body that moved to an HDF5 file.
+
+    Parameters
+    ----------
+    motion, model : the result of a run and what was run
+    path : file to write
+    provenance : whatever else tells where the motion came from, for JSON
 
     Raises
     ------
@@ -49,6 +56,12 @@ def write_motion(motion: Motion, model: Model, path: str | Path) -> None:
                 "dt_s": motion.dt_s,
                 "steps": motion.steps,
                 "element_type": model.element_type,
+                "damping": model.damping,
+                "hourglass": model.hourglass,
+                "duration_s": model.duration_s,
+                "provenance": json.dumps(
+                    {**(provenance or {}), "versions": _versions()}, default=_plain, sort_keys=True
+                ),
                 "settings": json.dumps(motion.settings, default=_plain, sort_keys=True),
             }
         )
@@ -295,6 +308,14 @@ def _opened(path: str | Path) -> Iterator:
             yield file
     except (OSError, KeyError, RuntimeError) as error:
         raise InputError(f"expected a file of a simulated motion, got {path}: {' '.join(str(error).split())}") from None
+
+
+def _versions() -> dict[str, str]:
+    versions = {}
+    for name in ("lipmetrics", "numba", "numpy"):
+        with suppress(PackageNotFoundError):  # run from a source folder
+            versions[name] = version(name)
+    return versions
 
 
 def _energy_order(name: str) -> int:

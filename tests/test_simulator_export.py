@@ -1,5 +1,6 @@
 import base64
 import dataclasses
+import json
 import xml.etree.ElementTree as ElementTree
 import zlib
 
@@ -74,6 +75,7 @@ def test_units_and_materials_stand_in_the_file(tmp_path, model, motion):
     with h5py.File(tmp_path / "motion.h5") as file:
         units = {name: file[name].attrs["units"] for name in ("time_s", "positions", "nodes", "energies/kinetic_j")}
         assert units == {"time_s": "s", "positions": "m", "nodes": "m", "energies/kinetic_j": "J"}
+        assert json.loads(file.attrs["provenance"])["versions"]["numpy"] == np.__version__
         first, second = (dict(file[f"materials/{i}"].attrs) for i in range(2))
     assert first == {"law": "NeoHookean", "shear_pa": 800, "bulk_pa": 7000, "density": 1050}
     assert second["law"] == "ViscoNeoHookean" and second["isochoric"].tolist() == [[0.3, 0.1], [0.2, 4.0]]
