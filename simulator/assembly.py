@@ -41,18 +41,17 @@ def element_arrays(model: Model, parts: Partition, dtype: type, dt: float):
     """H8Elements, T4Elements or T4ANPElements of a model; dt (s) enters the viscous terms only."""
     L = LANES[np.dtype(dtype)]
     order = parts.elements
-    n = model.elements.shape[1]
     stored_at = np.empty(len(model.nodes), np.int32)
     stored_at[parts.nodes] = np.arange(len(model.nodes), dtype=np.int32)
     spare = len(model.nodes)  # record of the empty elements
-    numbers = np.where(order[:, None] >= 0, stored_at[model.elements[order]], spare).astype(np.int32)
+    starts_of_records = 4 * np.where(order[:, None] >= 0, stored_at[model.elements[order]], spare).astype(np.int32)
     constants = _element_constants(model)[order]
     constants[order < 0] = 0.0
     law = laws(model)[order]
     history, terms = _history(model, dt)
     starts = -(-parts.element_starts // L)
     return _ELEMENTS[model.element_type](
-        _batched(numbers, L, spare),
+        _batched(starts_of_records, L, 4 * spare),
         _batched(constants.astype(dtype), L, 0),
         law[::L].astype(np.int64),
         _batched(history[order].astype(dtype), L, 0),
@@ -160,7 +159,7 @@ def load_arrays(model: Model, parts: Partition, mass: np.ndarray) -> tuple[kerne
     stored_at = np.empty(len(model.nodes), np.int64)
     stored_at[parts.nodes] = np.arange(len(model.nodes))
     curves, gravities, forces, moves, faces = [], [], [], [], []
-    fixed, moved = constrained(model)
+    fixed, _ = constrained(model)
     for load in model.loads:
         if isinstance(load, Fixed):
             continue
@@ -238,7 +237,25 @@ def _faces_by_part(faces: list, parts: Partition, model: Model, stored_at: np.nd
     if (owner < 0).any():
         face = nodes[np.argmax(owner < 0)]
         raise InputError(
-            f"expected every Pressure face to be a face of an element, got nodes {parts.nodes[face[face >= 0]].tolist()}"
+            f"expected a Pressure face to be a face of an element, got nodes {parts.nodes[face[face >= 0]].tolist()}"
         )
     order = np.argsort(owner, kind="stable")
     return nodes[order], pressure[order], curve[order], np.searchsorted(owner[order], np.arange(count + 1))
+
+
+def energy_arrays(model: Model) -> tuple[np.ndarray, ...]:
+    """Arguments of kernels.strain_energies and kernels.largest_area_stretch: elements, D, V, moduli, law, k, M."""
+    constants = _element_constants(model)
+    if model.element_type == "H8":
+        k, M = constants[:, 11].copy(), constants[:, 12:24].reshape(-1, 4, 3).copy()
+    else:
+        k, M = np.zeros(0), np.zeros((0, 4, 3))
+    return (
+        np.ascontiguousarray(model.elements),
+        constants[:, :9].reshape(-1, 3, 3).copy(),
+        constants[:, 9].copy(),
+        constants[:, 10].copy(),
+        laws(model),
+        k,
+        M,
+    )

@@ -51,7 +51,7 @@ SQUARE, PRODUCT, LOWEST_J, WORK, MOMENTUM = 0, 1, 2, 3, 8
 class H8Elements(NamedTuple):
     """Batches of elements of one type, in order of visit; the last batch of a part is filled up with empty elements.
 
-    numbers : (B * n * L,) int32, stored node of corner a, lane l of batch b at (b n + a) L + l
+    numbers : (B * n * L,) int32, 4 times the stored node of corner a, lane l of batch b at (b n + a) L + l
     constants : (B * Q * L,) float32 or float64, in the same layout
     law : (B,) int64, law of a batch
     history : (B * terms * HISTORY * L,) viscous stresses, m3 Pa
@@ -781,3 +781,93 @@ def advance(
         ledger[0], ledger[1], ledger[2], ledger[3], ledger[4] = lost, done_work, most, square, product
         ledger[5], ledger[6], ledger[7] = px, py, pz
     return reason, done
+
+
+# ---- once per saved state -------------------------------------------------------------------------------------------
+
+
+@njit(forceinline=True)
+def _gradient(elements, e, D, u, modes):
+    """F of one element, and for hexahedra the amplitudes of its four hourglass shapes in `modes` (7, 3)."""
+    if elements.shape[1] == 8:
+        for i in range(3):
+            modes[0, i], modes[1, i], modes[2, i], modes[3, i], modes[4, i], modes[5, i], modes[6, i] = _modes(
+                u[elements[e, 0], i],
+                u[elements[e, 1], i],
+                u[elements[e, 2], i],
+                u[elements[e, 3], i],
+                u[elements[e, 4], i],
+                u[elements[e, 5], i],
+                u[elements[e, 6], i],
+                u[elements[e, 7], i],
+            )
+    else:
+        for k in range(3):
+            for i in range(3):
+                modes[k, i] = u[elements[e, k + 1], i] - u[elements[e, 0], i]
+    F = np.eye(3)
+    for i in range(3):
+        for j in range(3):
+            for k in range(3):
+                F[i, j] += modes[k, i] * D[e, k, j]
+    return F
+
+
+@njit(cache=True, nogil=True)
+def strain_energies(elements, D, GV, KV, law, k, M, u):
+    """Elastic and hourglass energy of a mesh, J: sum of V psi(F) and of k/2 |gamma^T u|^2.
+
+    elements (E, n), D (E, 3, 3), GV, KV (E,) stiffness times volume, law (E,), k (E,) and M (E, 4, 3) of hexahedra,
+    u (N, 3) m; u[n] belongs to node n of `elements`.
+    """
+    elastic, hourglass = 0.0, 0.0
+    modes = np.zeros((7, 3))
+    for e in range(len(elements)):
+        F = _gradient(elements, e, D, u, modes)
+        J = np.linalg.det(F)
+        tr_C = np.sum(F * F)
+        if law[e] == ST_VENANT_KIRCHHOFF:
+            E = 0.5 * (F.T @ F - np.eye(3))
+            elastic += 0.5 * KV[e] * np.trace(E) ** 2 + GV[e] * np.sum(E * E)
+        else:
+            elastic += 0.5 * GV[e] * (np.abs(J) ** (-2.0 / 3.0) * tr_C - 3.0) + 0.5 * KV[e] * (J - 1.0) ** 2
+        if len(k) > 0:
+            for mode in range(4):
+                for i in range(3):
+                    q = modes[3 + mode, i]
+                    for axis in range(3):
+                        q -= M[e, mode, axis] * modes[axis, i]
+                    hourglass += 0.5 * k[e] * q * q
+    return elastic, hourglass
+
+
+@njit(cache=True, nogil=True)
+def largest_area_stretch(elements, D, u):
+    """Largest singular value of the cofactor matrix J F^-T over all elements, 1 at rest.
+
+    It is the most that any element has grown in area; its square bounds how much stiffer the pressure part of an element
+    has become along the direction in which it is squeezed. Arguments as in `strain_energies`.
+    """
+    most = 1.0
+    modes = np.zeros((7, 3))
+    for e in range(len(elements)):
+        F = _gradient(elements, e, D, u, modes)
+        c00, c01, c02, c10, c11, c12, c20, c21, c22 = _cofactors(
+            F[0, 0], F[0, 1], F[0, 2], F[1, 0], F[1, 1], F[1, 2], F[2, 0], F[2, 1], F[2, 2]
+        )
+        # Largest eigenvalue of the symmetric 3 x 3 matrix cof cof^T, by the trigonometric formula.
+        a00 = c00 * c00 + c01 * c01 + c02 * c02
+        a11 = c10 * c10 + c11 * c11 + c12 * c12
+        a22 = c20 * c20 + c21 * c21 + c22 * c22
+        a01 = c00 * c10 + c01 * c11 + c02 * c12
+        a02 = c00 * c20 + c01 * c21 + c02 * c22
+        a12 = c10 * c20 + c11 * c21 + c12 * c22
+        mean = (a00 + a11 + a22) / 3.0
+        b00, b11, b22 = a00 - mean, a11 - mean, a22 - mean
+        spread = np.sqrt((b00 * b00 + b11 * b11 + b22 * b22 + 2.0 * (a01 * a01 + a02 * a02 + a12 * a12)) / 6.0)
+        if spread > 0.0:
+            det = b00 * (b11 * b22 - a12 * a12) - a01 * (a01 * b22 - a12 * a02) + a02 * (a01 * a12 - b11 * a02)
+            half = min(max(det / (2.0 * spread**3), -1.0), 1.0)
+            mean += 2.0 * spread * np.cos(np.arccos(half) / 3.0)
+        most = max(most, mean)
+    return np.sqrt(most)

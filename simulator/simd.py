@@ -17,6 +17,7 @@ from llvmlite import ir
 from numba.core import config, types
 from numba.core.datamodel import models, register_default
 from numba.core.imputils import lower_builtin
+from numba.core.registry import cpu_target
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 from numba.extending import type_callable
 
@@ -49,16 +50,16 @@ def zero(array: np.ndarray):
     return np.zeros(LANES[array.dtype], array.dtype)
 
 
-def gather(records: np.ndarray, numbers: np.ndarray, start: int):
-    """Vectors of the four columns of the records (N, 4) named by consecutive entries of the flat int array `numbers`."""
-    rows = records[numbers[start : start + LANES[records.dtype]]]
+def gather(records: np.ndarray, starts: np.ndarray, start: int):
+    """Vectors of the four columns of the records (N, 4) whose numbers times 4 are consecutive in the flat `starts`."""
+    rows = records[starts[start : start + LANES[records.dtype]] // 4]
     return rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 3]
 
 
-def scatter_add(records: np.ndarray, numbers: np.ndarray, start: int, x, y, z, w) -> None:
-    """Add vectors to the 4 columns of the records named by `numbers`, one lane after the other (equal numbers add up)."""
+def scatter_add(records: np.ndarray, starts: np.ndarray, start: int, x, y, z, w) -> None:
+    """Add vectors to the 4 columns of the records that `gather` would read, lane after lane (repeats add up)."""
     rows = np.stack([x, y, z, np.broadcast_to(w, x.shape)], axis=1)
-    np.add.at(records, numbers[start : start + LANES[records.dtype]], rows)
+    np.add.at(records, starts[start : start + LANES[records.dtype]] // 4, rows)
 
 
 def splat(like, value: float):
@@ -92,7 +93,7 @@ def total(vector) -> float:
 def inverse_cbrt(x):
     """x^(-1/3) of positive lanes to rounding error, without a call to the mathematics library.
 
-    The exponent of the start value comes from the bits of x; then y <- y (1 + r/3 + 2 r^2/9), r = 1 - x y^3, is repeated.
+    The exponent of the start value comes from the bits of x; y <- y (1 + r/3 + 2 r^2/9), r = 1 - x y^3, is repeated.
     """
     bits = x.astype(np.float32).view(np.int32).astype(np.float32)
     y = (np.float32(_CBRT_MAGIC) - bits * np.float32(1 / 3)).astype(np.int32).view(np.float32)
@@ -138,11 +139,20 @@ def _register_operators() -> None:
         (operator.mul, "fmul"),
         (operator.truediv, "fdiv"),
     ):
-        infer_global(op)(type(f"Vector_{name}", (_BinaryTemplate,), {"key": op}))
+        _register(op, type(f"Vector_{name}", (_BinaryTemplate,), {"key": op}))
         for left, right in ((Vector, Vector), (Vector, types.Float), (types.Float, Vector)):
             lower_builtin(op, left, right)(_binary(name))
-    infer_global(operator.neg)(type("Vector_neg", (_UnaryTemplate,), {"key": operator.neg}))
+    _register(operator.neg, type("Vector_neg", (_UnaryTemplate,), {"key": operator.neg}))
     lower_builtin(operator.neg, Vector)(lambda context, builder, sig, args: builder.fneg(args[0], flags=_CONTRACT))
+
+
+def _register(op, template) -> None:
+    """Make `template` the first that type inference tries for `op`; as the last of dozens it doubles compile time."""
+    infer_global(op)(template)
+    context = cpu_target.typing_context
+    context.refresh()
+    function = context.resolve_value_type(op)
+    function.templates = (template, *(other for other in function.templates if other is not template))
 
 
 class _BinaryTemplate(AbstractTemplate):
@@ -272,21 +282,12 @@ def _lower_store(context, builder, sig, args):
 
 
 def _record_starts(context, builder, sig, args, lanes: int):
-    """Flat index of each lane's record: 4 * numbers[start + lane]."""
-    numbers_type, numbers = sig.args[1], args[1]
-    start = _as_intp(context, builder, args[2], sig.args[2])
-    struct = context.make_array(numbers_type)(context, builder, numbers)
-    starts = []
-    for lane in range(lanes):
-        at = builder.gep(struct.data, [builder.add(start, ir.Constant(start.type, lane))], inbounds=True)
-        starts.append(
-            builder.shl(_as_intp(context, builder, builder.load(at), numbers_type.dtype), _intp_const(start, 2))
-        )
-    return starts
-
-
-def _intp_const(like, value: int):
-    return ir.Constant(like.type, value)
+    """Flat index of the first number of each lane's record."""
+    starts_type, start = sig.args[1], _as_intp(context, builder, args[2], sig.args[2])
+    data = context.make_array(starts_type)(context, builder, args[1]).data
+    places = [builder.add(start, ir.Constant(start.type, lane)) for lane in range(lanes)]
+    loaded = [builder.load(builder.gep(data, [place], inbounds=True)) for place in places]
+    return [_as_intp(context, builder, at, starts_type.dtype) for at in loaded]
 
 
 def _groups(lanes: int, pattern):
@@ -302,7 +303,7 @@ _HIGH_PAIRS = ((0, 2), (0, 3), (1, 2), (1, 3))
 
 @type_callable(gather)
 def _type_gather(context):
-    return lambda records, numbers, start: types.UniTuple(_vector_of(records.dtype), 4)
+    return lambda records, starts, start: types.UniTuple(_vector_of(records.dtype), 4)
 
 
 @lower_builtin(gather, types.Array, types.Array, types.Integer)
@@ -324,7 +325,7 @@ def _lower_gather(context, builder, sig, args):
 
 @type_callable(scatter_add)
 def _type_scatter_add(context):
-    return lambda records, numbers, start, x, y, z, w: types.void
+    return lambda records, starts, start, x, y, z, w: types.void
 
 
 @lower_builtin(scatter_add, types.Array, types.Array, types.Integer, Vector, Vector, Vector, Vector)
@@ -449,7 +450,7 @@ def _all(vector_type, value: float):
 
 
 def meet(arrived: np.ndarray, threads: int, round_: int) -> None:
-    """Wait until all `threads` have called this for the `round_`-th time, counted from 1; arrived (1,) int64 starts at 0.
+    """Wait until all `threads` have called this for the `round_`-th time from 1; arrived (1,) int64 starts at 0.
 
     Spins: a step takes microseconds, less than it takes to put a thread to sleep. Memory written before is seen after.
     """
