@@ -15,8 +15,14 @@ import sys
 import time
 from collections import Counter
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from simulator.errors import InputError
+
+if TYPE_CHECKING:
+    from simulator.model import Model
 
 DONE, BAD_INPUT, SOME_FAILED, STOPPED = 0, 2, 3, 130
 PRECISIONS = ("float32", "mixed", "float64")
@@ -65,6 +71,7 @@ def _run_one(source: str, folder: Path, arguments: argparse.Namespace) -> dict:
     from simulator.solver import solve
 
     model = read_niftysim(source)
+    times = _times(model)
     if arguments.dt is not None:
         model = dataclasses.replace(model, dt_s=arguments.dt)
     stem = Path(source).stem
@@ -77,7 +84,7 @@ def _run_one(source: str, folder: Path, arguments: argparse.Namespace) -> dict:
     }
     started = time.perf_counter()
     try:
-        motion = solve(model, progress=sys.stderr.isatty(), **chosen)
+        motion = solve(model, times, progress=sys.stderr.isatty(), **chosen)
     except InputError as error:
         raise InputError(f"{source}: {error}") from None
     seconds = time.perf_counter() - started
@@ -106,6 +113,15 @@ def _run_one(source: str, folder: Path, arguments: argparse.Namespace) -> dict:
     if not arguments.json:
         _say(_in_words(summary))
     return summary
+
+
+def _times(model: Model) -> np.ndarray | None:
+    """The times that the file asks for by its own step, whatever step is taken, and the end."""
+    if model.output_every is None:
+        return None
+    interval = model.output_every * model.dt_s
+    count = math.ceil((model.duration_s - model.dt_s / 2) / interval)
+    return np.append(interval * np.arange(count), model.duration_s)
 
 
 def _in_words(summary: dict) -> str:

@@ -77,9 +77,18 @@ def test_summary_for_machines(run, model):
 
 def test_the_step_can_be_chosen(run, model):
     _, out, _ = run(model, "--json", "--dt", "0.005")
-    assert json.loads(out)["models"][0]["dt_s"] == 0.005
+    one = json.loads(out)["models"][0]
+    assert one["dt_s"] == 0.005 and one["states"] == 6  # at the times of the file
     _, out, _ = run(model, "--json", "--dt", "auto")
-    assert json.loads(out)["models"][0]["dt_s"] not in (0.01, 0.005)
+    one = json.loads(out)["models"][0]
+    assert one["dt_s"] not in (0.01, 0.005) and one["states"] == 6
+
+
+@pytest.mark.parametrize("every, times", [(30, [0, 0.3, 0.6, 0.9, 1]), (500, [0, 1]), (100, [0, 1])])
+def test_the_end_is_always_reached(run, model, tmp_path, every, times):
+    model.write_text(MODEL.replace('Freq="20"', f'Freq="{every}"'))
+    assert run(model)[0] == 0
+    np.testing.assert_allclose(load_motion(tmp_path / "out" / "cube.h5").time_s, times, atol=1e-9)
 
 
 def test_a_bad_file_among_good_ones(run, model, tmp_path):
