@@ -10,7 +10,7 @@ from simulator.errors import InputError
 from simulator.materials import NeoHookean, StVenantKirchhoff, ViscoNeoHookean
 from simulator.model import Displacement, Fixed, Force, Gravity, Model, Pressure
 from simulator.partition import Partition
-from simulator.simd import LANES
+from simulator.simd import LANES, RUN_ORDER
 
 _ELEMENTS = {"H8": kernels.H8Elements, "T4": kernels.T4Elements, "T4ANP": kernels.T4ANPElements}
 _LAW = {
@@ -54,10 +54,24 @@ def element_arrays(model: Model, parts: Partition, dtype: type, dt: float):
         _batched(starts_of_records, L, 4 * spare),
         _batched(constants.astype(dtype), L, 0),
         law[::L].astype(np.int64),
+        _runs(starts_of_records, L),
         _batched(history[order].astype(dtype), L, 0),
         terms,
         starts,
     )
+
+
+def _runs(starts: np.ndarray, L: int) -> np.ndarray:
+    """(B,) 1 where a batch of record starts (E, n) is a run as kernels.H8Elements has it, else 0."""
+    batches = -(-len(starts) // L)
+    runs = np.zeros(batches, np.int64)
+    if L != len(RUN_ORDER) or starts.shape[1] != 8:
+        return runs
+    whole = starts[: len(starts) // L * L].reshape(-1, L, 8)
+    in_order = whole == whole[:, :1] + 4 * np.array(RUN_ORDER)[None, :, None]
+    next_places = whole[:, 0, [1, 2, 5, 6]] == whole[:, 0, [0, 3, 4, 7]] + 4
+    runs[: len(whole)] = in_order.all(axis=(1, 2)) & next_places.all(axis=1)
+    return runs
 
 
 def _element_constants(model: Model) -> np.ndarray:

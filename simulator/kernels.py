@@ -22,6 +22,7 @@ from simulator.simd import (
     meet,
     poison_unless_positive,
     scatter_add,
+    scatter_add_line,
     splat,
     store,
     total,
@@ -54,6 +55,8 @@ class H8Elements(NamedTuple):
     numbers : (B * n * L,) int32, 4 times the stored node of corner a, lane l of batch b at (b n + a) L + l
     constants : (B * Q * L,) float32 or float64, in the same layout
     law : (B,) int64, law of a batch
+    run : (B,) int64, 1 where the elements of a batch of 8 lie in a row: corner by corner their nodes are stored one after
+        the other, in simd.RUN_ORDER, and corners 1, 2, 5, 6 one place after corners 0, 3, 4, 7
     history : (B * terms * HISTORY * L,) viscous stresses, m3 Pa
     terms : number of viscous terms of each element
     starts : (P + 1,) first batch of each part
@@ -62,6 +65,7 @@ class H8Elements(NamedTuple):
     numbers: np.ndarray
     constants: np.ndarray
     law: np.ndarray
+    run: np.ndarray
     history: np.ndarray
     terms: int
     starts: np.ndarray
@@ -73,6 +77,7 @@ class T4Elements(NamedTuple):
     numbers: np.ndarray
     constants: np.ndarray
     law: np.ndarray
+    run: np.ndarray
     history: np.ndarray
     terms: int
     starts: np.ndarray
@@ -84,6 +89,7 @@ class T4ANPElements(NamedTuple):
     numbers: np.ndarray
     constants: np.ndarray
     law: np.ndarray
+    run: np.ndarray
     history: np.ndarray
     terms: int
     starts: np.ndarray
@@ -315,15 +321,15 @@ def _h8_forces(elements, part, seen, forces):
     L = lanes(constants)
     low = splat(zero(constants), 1e30)
     for batch in range(elements.starts[part], elements.starts[part + 1]):
-        n = batch * 8 * L
-        x0, y0, z0, _ = gather(seen, numbers, n)
-        x1, y1, z1, _ = gather(seen, numbers, n + L)
-        x2, y2, z2, _ = gather(seen, numbers, n + 2 * L)
-        x3, y3, z3, _ = gather(seen, numbers, n + 3 * L)
-        x4, y4, z4, _ = gather(seen, numbers, n + 4 * L)
-        x5, y5, z5, _ = gather(seen, numbers, n + 5 * L)
-        x6, y6, z6, _ = gather(seen, numbers, n + 6 * L)
-        x7, y7, z7, _ = gather(seen, numbers, n + 7 * L)
+        n, run = batch * 8 * L, elements.run[batch]
+        x0, y0, z0, _ = gather(seen, numbers, n, run)
+        x1, y1, z1, _ = gather(seen, numbers, n + L, run)
+        x2, y2, z2, _ = gather(seen, numbers, n + 2 * L, run)
+        x3, y3, z3, _ = gather(seen, numbers, n + 3 * L, run)
+        x4, y4, z4, _ = gather(seen, numbers, n + 4 * L, run)
+        x5, y5, z5, _ = gather(seen, numbers, n + 5 * L, run)
+        x6, y6, z6, _ = gather(seen, numbers, n + 6 * L, run)
+        x7, y7, z7, _ = gather(seen, numbers, n + 7 * L, run)
         xa, xb, xc, x_bc, x_ac, x_ab, x_abc = _modes(x0, x1, x2, x3, x4, x5, x6, x7)
         ya, yb, yc, y_bc, y_ac, y_ab, y_abc = _modes(y0, y1, y2, y3, y4, y5, y6, y7)
         za, zb, zc, z_bc, z_ac, z_ab, z_abc = _modes(z0, z1, z2, z3, z4, z5, z6, z7)
@@ -394,15 +400,10 @@ def _h8_forces(elements, part, seen, forces):
         x0, x1, x2, x3, x4, x5, x6, x7 = _corners(xa, xb, xc, x_bc, x_ac, x_ab, x_abc)
         y0, y1, y2, y3, y4, y5, y6, y7 = _corners(ya, yb, yc, y_bc, y_ac, y_ab, y_abc)
         z0, z1, z2, z3, z4, z5, z6, z7 = _corners(za, zb, zc, z_bc, z_ac, z_ab, z_abc)
-        w = zero(constants)
-        scatter_add(forces, numbers, n, x0, y0, z0, w)
-        scatter_add(forces, numbers, n + L, x1, y1, z1, w)
-        scatter_add(forces, numbers, n + 2 * L, x2, y2, z2, w)
-        scatter_add(forces, numbers, n + 3 * L, x3, y3, z3, w)
-        scatter_add(forces, numbers, n + 4 * L, x4, y4, z4, w)
-        scatter_add(forces, numbers, n + 5 * L, x5, y5, z5, w)
-        scatter_add(forces, numbers, n + 6 * L, x6, y6, z6, w)
-        scatter_add(forces, numbers, n + 7 * L, x7, y7, z7, w)
+        scatter_add_line(forces, numbers, n, n + L, run, x0, y0, z0, x1, y1, z1)
+        scatter_add_line(forces, numbers, n + 3 * L, n + 2 * L, run, x3, y3, z3, x2, y2, z2)
+        scatter_add_line(forces, numbers, n + 4 * L, n + 5 * L, run, x4, y4, z4, x5, y5, z5)
+        scatter_add_line(forces, numbers, n + 7 * L, n + 6 * L, run, x7, y7, z7, x6, y6, z6)
     return lowest(low)
 
 
@@ -410,10 +411,10 @@ def _h8_forces(elements, part, seen, forces):
 def _tetrahedron_gradient(seen, numbers, n, constants, q):
     """F (9 vectors) of one batch of tetrahedra, its D (9 vectors), and the mean of the nodal pressures."""
     L = lanes(constants)
-    x0, y0, z0, w0 = gather(seen, numbers, n)
-    x1, y1, z1, w1 = gather(seen, numbers, n + L)
-    x2, y2, z2, w2 = gather(seen, numbers, n + 2 * L)
-    x3, y3, z3, w3 = gather(seen, numbers, n + 3 * L)
+    x0, y0, z0, w0 = gather(seen, numbers, n, 0)
+    x1, y1, z1, w1 = gather(seen, numbers, n + L, 0)
+    x2, y2, z2, w2 = gather(seen, numbers, n + 2 * L, 0)
+    x3, y3, z3, w3 = gather(seen, numbers, n + 3 * L, 0)
     xa, xb, xc, ya, yb, yc, za, zb, zc = x1 - x0, x2 - x0, x3 - x0, y1 - y0, y2 - y0, y3 - y0, z1 - z0, z2 - z0, z3 - z0
     D00, D01, D02 = load(constants, q), load(constants, q + L), load(constants, q + 2 * L)
     D10, D11, D12 = load(constants, q + 3 * L), load(constants, q + 4 * L), load(constants, q + 5 * L)
@@ -673,6 +674,18 @@ def _averages_pressure(elements):
     return lambda elements: averages
 
 
+def element_pressures(elements, nodes, part):
+    """Add the weighted pressures of one part's elements to its nodes, where the type needs them; return the lowest J."""
+    raise NotImplementedError("compiled code only")
+
+
+@overload(element_pressures)
+def _element_pressures(elements, nodes, part):
+    if elements.instance_class is T4ANPElements:
+        return lambda elements, nodes, part: _tetrahedron_pressures(elements, part, nodes.seen, nodes.forces[part])
+    return lambda elements, nodes, part: 1e30
+
+
 @njit(cache=True, nogil=True)
 def internal_forces(elements, nodes):
     """Leave the sum of all parts' internal forces of the displacements `seen` in forces[0]; return the lowest J."""
@@ -681,7 +694,7 @@ def internal_forces(elements, nodes):
     nodes.forces[:] = 0.0
     if averages_pressure(elements):
         for part in range(parts):
-            low = min(low, _tetrahedron_pressures(elements, part, nodes.seen, nodes.forces[part]))
+            low = min(low, element_pressures(elements, nodes, part))
         for part in range(parts):
             _average_pressures(nodes, part)
     for part in range(parts):
@@ -724,7 +737,7 @@ def advance(
             mine[LOWEST_J] = 1e30
             mine[WORK] = _push_faces(loads, nodes, part, curves, at)
             if averages_pressure(elements):
-                mine[LOWEST_J] = _tetrahedron_pressures(elements, part, nodes.seen, nodes.forces[part])
+                mine[LOWEST_J] = element_pressures(elements, nodes, part)
             else:
                 mine[LOWEST_J] = element_forces(elements, nodes, part)
         meeting += 1
@@ -788,9 +801,9 @@ def advance(
 
 @njit(forceinline=True)
 def _gradient(elements, e, D, u, modes):
-    """F of one element, and for hexahedra the amplitudes of its four hourglass shapes in `modes` (7, 3)."""
-    if elements.shape[1] == 8:
-        for i in range(3):
+    """F of one element, and for hexahedra the amplitudes of its four hourglass shapes, in rows 3 to 6 of modes (7, 3)."""
+    for i in range(3):
+        if elements.shape[1] == 8:
             modes[0, i], modes[1, i], modes[2, i], modes[3, i], modes[4, i], modes[5, i], modes[6, i] = _modes(
                 u[elements[e, 0], i],
                 u[elements[e, 1], i],
@@ -801,16 +814,20 @@ def _gradient(elements, e, D, u, modes):
                 u[elements[e, 6], i],
                 u[elements[e, 7], i],
             )
-    else:
-        for k in range(3):
-            for i in range(3):
-                modes[k, i] = u[elements[e, k + 1], i] - u[elements[e, 0], i]
-    F = np.eye(3)
-    for i in range(3):
-        for j in range(3):
+        else:
             for k in range(3):
-                F[i, j] += modes[k, i] * D[e, k, j]
-    return F
+                modes[k, i] = u[elements[e, k + 1], i] - u[elements[e, 0], i]
+    return (
+        1.0 + (modes[0, 0] * D[e, 0, 0] + modes[1, 0] * D[e, 1, 0] + modes[2, 0] * D[e, 2, 0]),
+        modes[0, 0] * D[e, 0, 1] + modes[1, 0] * D[e, 1, 1] + modes[2, 0] * D[e, 2, 1],
+        modes[0, 0] * D[e, 0, 2] + modes[1, 0] * D[e, 1, 2] + modes[2, 0] * D[e, 2, 2],
+        modes[0, 1] * D[e, 0, 0] + modes[1, 1] * D[e, 1, 0] + modes[2, 1] * D[e, 2, 0],
+        1.0 + (modes[0, 1] * D[e, 0, 1] + modes[1, 1] * D[e, 1, 1] + modes[2, 1] * D[e, 2, 1]),
+        modes[0, 1] * D[e, 0, 2] + modes[1, 1] * D[e, 1, 2] + modes[2, 1] * D[e, 2, 2],
+        modes[0, 2] * D[e, 0, 0] + modes[1, 2] * D[e, 1, 0] + modes[2, 2] * D[e, 2, 0],
+        modes[0, 2] * D[e, 0, 1] + modes[1, 2] * D[e, 1, 1] + modes[2, 2] * D[e, 2, 1],
+        1.0 + (modes[0, 2] * D[e, 0, 2] + modes[1, 2] * D[e, 1, 2] + modes[2, 2] * D[e, 2, 2]),
+    )
 
 
 @njit(cache=True, nogil=True)
@@ -823,14 +840,21 @@ def strain_energies(elements, D, GV, KV, law, k, M, u):
     elastic, hourglass = 0.0, 0.0
     modes = np.zeros((7, 3))
     for e in range(len(elements)):
-        F = _gradient(elements, e, D, u, modes)
-        J = np.linalg.det(F)
-        tr_C = np.sum(F * F)
+        F00, F01, F02, F10, F11, F12, F20, F21, F22 = _gradient(elements, e, D, u, modes)
+        c00, c01, c02, _, _, _, _, _, _ = _cofactors(F00, F01, F02, F10, F11, F12, F20, F21, F22)
+        J = F00 * c00 + F01 * c01 + F02 * c02
+        C00 = F00 * F00 + F10 * F10 + F20 * F20
+        C11 = F01 * F01 + F11 * F11 + F21 * F21
+        C22 = F02 * F02 + F12 * F12 + F22 * F22
         if law[e] == ST_VENANT_KIRCHHOFF:
-            E = 0.5 * (F.T @ F - np.eye(3))
-            elastic += 0.5 * KV[e] * np.trace(E) ** 2 + GV[e] * np.sum(E * E)
+            C01 = F00 * F01 + F10 * F11 + F20 * F21
+            C02 = F00 * F02 + F10 * F12 + F20 * F22
+            C12 = F01 * F02 + F11 * F12 + F21 * F22
+            squares = 0.25 * ((C00 - 1.0) ** 2 + (C11 - 1.0) ** 2 + (C22 - 1.0) ** 2) + 0.5 * (C01**2 + C02**2 + C12**2)
+            elastic += 0.125 * KV[e] * (C00 + C11 + C22 - 3.0) ** 2 + GV[e] * squares
         else:
-            elastic += 0.5 * GV[e] * (np.abs(J) ** (-2.0 / 3.0) * tr_C - 3.0) + 0.5 * KV[e] * (J - 1.0) ** 2
+            isochoric = abs(J) ** (-2.0 / 3.0) * (C00 + C11 + C22) - 3.0
+            elastic += 0.5 * GV[e] * isochoric + 0.5 * KV[e] * (J - 1.0) ** 2
         if len(k) > 0:
             for mode in range(4):
                 for i in range(3):
@@ -845,16 +869,14 @@ def strain_energies(elements, D, GV, KV, law, k, M, u):
 def largest_area_stretch(elements, D, u):
     """Largest singular value of the cofactor matrix J F^-T over all elements, 1 at rest.
 
-    It is the most that any element has grown in area; its square bounds how much stiffer the pressure part of an element
-    has become along the direction in which it is squeezed. Arguments as in `strain_energies`.
+    It is the most that any element has grown in area; its square bounds how much stiffer the pressure part of an
+    element has become along the direction in which it is squeezed. Arguments as in `strain_energies`.
     """
     most = 1.0
     modes = np.zeros((7, 3))
     for e in range(len(elements)):
-        F = _gradient(elements, e, D, u, modes)
-        c00, c01, c02, c10, c11, c12, c20, c21, c22 = _cofactors(
-            F[0, 0], F[0, 1], F[0, 2], F[1, 0], F[1, 1], F[1, 2], F[2, 0], F[2, 1], F[2, 2]
-        )
+        F00, F01, F02, F10, F11, F12, F20, F21, F22 = _gradient(elements, e, D, u, modes)
+        c00, c01, c02, c10, c11, c12, c20, c21, c22 = _cofactors(F00, F01, F02, F10, F11, F12, F20, F21, F22)
         # Largest eigenvalue of the symmetric 3 x 3 matrix cof cof^T, by the trigonometric formula.
         a00 = c00 * c00 + c01 * c01 + c02 * c02
         a11 = c10 * c10 + c11 * c11 + c12 * c12

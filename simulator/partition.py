@@ -1,8 +1,9 @@
 """In which order the solver visits elements and nodes: neighbours close in memory, and parts that threads can share.
 
-Whatever numbers a mesh comes with, its elements are visited in a reverse Cuthill-McKee order and its nodes stored in the
-order in which these elements first touch them. A fixed number of parts, not of threads, sums the forces, so that the
-result does not depend on how many threads do the work.
+Whatever numbers a mesh comes with, hexahedra that follow one another across opposite faces are visited as rows, and the
+nodes along the four edges of a row are stored in the same order, so that 8 elements at a time are read without looking
+up numbers. Where rows are short, elements are visited in reverse Cuthill-McKee order and nodes stored as first touched.
+A fixed number of parts, not of threads, sums the forces, so that the result does not depend on who does the work.
 """
 
 from __future__ import annotations
@@ -12,6 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import reverse_cuthill_mckee
+
+from simulator.simd import RUN_ORDER
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +37,7 @@ class Partition:
     touched: np.ndarray
 
 
+SHORTEST_ROW = 16  # on average, for a mesh to be visited in rows
 GRANULE = 8  # elements of one batch, which all follow the same law
 
 
@@ -44,10 +48,17 @@ def partition(elements: np.ndarray, law: np.ndarray, n_nodes: int, parts: int | 
     """
     if parts is None:
         parts = 1 if len(elements) < 400 else 2 if len(elements) < 6000 else 4
-    order = _laws_apart(_neighbours_together(elements, n_nodes), law)
-    touches = elements[order[order >= 0]].ravel()
-    first_touch = np.unique(touches, return_index=True)[1]
-    nodes = touches[np.sort(first_touch)]
+    chains = _chains(elements) if elements.shape[1] == 8 else []
+    if chains and len(elements) >= SHORTEST_ROW * len(chains):
+        links = _touching(np.repeat(np.arange(len(chains)), [len(c) for c in chains]), elements[np.concatenate(chains)])
+        chains = [chains[i] for i in _cuthill_mckee(links)]
+        nodes = _along_edges(elements, chains)
+        order = _laws_apart(np.concatenate(chains), law)
+        order = _interleaved(order, elements)
+    else:
+        order = _laws_apart(_cuthill_mckee(_touching(np.arange(len(elements)), elements)), law)
+        touches = elements[order[order >= 0]].ravel()
+        nodes = touches[np.sort(np.unique(touches, return_index=True)[1])]
     stored_at = np.empty(n_nodes, np.int64)
     stored_at[nodes] = np.arange(n_nodes)
 
@@ -68,13 +79,60 @@ def partition(elements: np.ndarray, law: np.ndarray, n_nodes: int, parts: int | 
     return Partition(order, nodes, element_starts, node_starts, touched)
 
 
-def _neighbours_together(elements: np.ndarray, n_nodes: int) -> np.ndarray:
-    """(E,) reverse Cuthill-McKee order of the graph whose edges are shared nodes."""
-    n_elements, n = elements.shape
+def _touching(group: np.ndarray, elements: np.ndarray) -> sparse.csr_array:
+    """Graph of groups of elements (E, n), numbered by group (E,), linked where they share a node."""
+    n = elements.shape[1]
     incidence = sparse.csr_array(
-        (np.ones(elements.size, np.int8), elements.ravel(), np.arange(n_elements + 1) * n), shape=(n_elements, n_nodes)
+        (np.ones(elements.size, np.int32), (np.repeat(group, n), elements.ravel())),
+        shape=(group.max() + 1, elements.max() + 1),
     )
-    return reverse_cuthill_mckee(sparse.csr_matrix(incidence @ incidence.T), symmetric_mode=True).astype(np.int64)
+    return incidence @ incidence.T
+
+
+def _cuthill_mckee(links: sparse.csr_array) -> np.ndarray:
+    return reverse_cuthill_mckee(sparse.csr_matrix(links), symmetric_mode=True).astype(np.int64)
+
+
+def _chains(elements: np.ndarray) -> list[np.ndarray]:
+    """Rows of hexahedra (E, 8): each next one has at corners 0, 3, 4, 7 what the one before has at 1, 2, 5, 6."""
+    starts = {tuple(face): e for e, face in enumerate(elements[:, [0, 3, 4, 7]].tolist())}
+    following = [starts.get(tuple(face), -1) for face in elements[:, [1, 2, 5, 6]].tolist()]
+    has_previous = np.zeros(len(elements), bool)
+    has_previous[[f for f in following if f >= 0]] = True
+    taken = np.zeros(len(elements), bool)
+    chains = []
+    for first in np.argsort(has_previous, kind="stable"):  # rings, which have no first element, come last
+        chain = []
+        e = first
+        while e >= 0 and not taken[e]:
+            taken[e] = True
+            chain.append(e)
+            e = following[e]
+        if chain:
+            chains.append(np.array(chain))
+    return chains
+
+
+def _along_edges(elements: np.ndarray, chains: list[np.ndarray]) -> np.ndarray:
+    """(N,) nodes in the order in which rows touch them, each row along its four edges one after the other."""
+    touched = []
+    for chain in chains:
+        for a, b in ((0, 1), (3, 2), (4, 5), (7, 6)):
+            touched.append(elements[chain, a])
+            touched.append(elements[chain[-1:], b])
+    touched = np.concatenate(touched)
+    return touched[np.sort(np.unique(touched, return_index=True)[1])]
+
+
+def _interleaved(order: np.ndarray, elements: np.ndarray) -> np.ndarray:
+    """The order with each batch whose elements follow one another turned to RUN_ORDER."""
+    whole = order[: len(order) // GRANULE * GRANULE].reshape(-1, GRANULE)
+    follows = (elements[whole[:, 1:]][:, :, [0, 3, 4, 7]] == elements[whole[:, :-1]][:, :, [1, 2, 5, 6]]).all(
+        axis=(1, 2)
+    )
+    follows &= (whole >= 0).all(axis=1)
+    whole = np.where(follows[:, None], whole[:, RUN_ORDER], whole)
+    return np.concatenate([whole.ravel(), order[whole.size :]])
 
 
 def _laws_apart(order: np.ndarray, law: np.ndarray) -> np.ndarray:

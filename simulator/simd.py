@@ -50,8 +50,14 @@ def zero(array: np.ndarray):
     return np.zeros(LANES[array.dtype], array.dtype)
 
 
-def gather(records: np.ndarray, starts: np.ndarray, start: int):
-    """Vectors of the four columns of the records (N, 4) whose numbers times 4 are consecutive in the flat `starts`."""
+RUN_ORDER = (0, 2, 4, 6, 1, 3, 5, 7)  # lanes of a run hold its elements in this order, which saves shuffles
+
+
+def gather(records: np.ndarray, starts: np.ndarray, start: int, run: int):
+    """Vectors of the four columns of the records (N, 4) whose numbers times 4 are consecutive in the flat `starts`.
+
+    `run` other than 0 promises that the records of 8 lanes are consecutive, in RUN_ORDER; they are then read as they lie.
+    """
     rows = records[starts[start : start + LANES[records.dtype]] // 4]
     return rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 3]
 
@@ -60,6 +66,15 @@ def scatter_add(records: np.ndarray, starts: np.ndarray, start: int, x, y, z, w)
     """Add vectors to the 4 columns of the records that `gather` would read, lane after lane (repeats add up)."""
     rows = np.stack([x, y, z, np.broadcast_to(w, x.shape)], axis=1)
     np.add.at(records, starts[start : start + LANES[records.dtype]] // 4, rows)
+
+
+def scatter_add_line(records: np.ndarray, starts: np.ndarray, a: int, b: int, run: int, xa, ya, za, xb, yb, zb) -> None:
+    """`scatter_add` of x, y, z at the places of two corners, `a` and `b`.
+
+    `run` other than 0 promises a run at both, those of `b` one record on: each record is then read and written once.
+    """
+    scatter_add(records, starts, a, xa, ya, za, 0 * xa)
+    scatter_add(records, starts, b, xb, yb, zb, 0 * xb)
 
 
 def splat(like, value: float):
@@ -303,24 +318,71 @@ _HIGH_PAIRS = ((0, 2), (0, 3), (1, 2), (1, 3))
 
 @type_callable(gather)
 def _type_gather(context):
-    return lambda records, starts, start: types.UniTuple(_vector_of(records.dtype), 4)
+    return lambda records, starts, start, run: types.UniTuple(_vector_of(records.dtype), 4)
 
 
-@lower_builtin(gather, types.Array, types.Array, types.Integer)
+@lower_builtin(gather, types.Array, types.Array, types.Integer, types.Integer)
 def _lower_gather(context, builder, sig, args):
     lanes = sig.return_type.dtype.lanes
-    starts = _record_starts(context, builder, sig, args, lanes)
-    rows = [_load(context, builder, sig.args[0], args[0], at, 4) for at in starts]
-    if lanes == 8:
-        rows = [_shuffle(builder, rows[i], rows[i + 4], list(range(8))) for i in range(4)]
-    low, high, pairs = (_groups(lanes, p) for p in (_LOW_INTERLEAVED, _HIGH_INTERLEAVED, _LOW_PAIRS))
+
+    def by_number():
+        starts = _record_starts(context, builder, sig, args, lanes)
+        rows = [_load(context, builder, sig.args[0], args[0], at, 4) for at in starts]
+        if lanes == 8:
+            rows = [_shuffle(builder, rows[i], rows[i + 4], list(range(8))) for i in range(4)]
+        return _columns(builder, rows, lanes)
+
+    if lanes != 8:
+        return context.make_tuple(builder, sig.return_type, by_number())
+    with builder.if_else(_is_run(builder, args[3])) as (as_run, otherwise):
+        with as_run:
+            first = _first_start(context, builder, sig, args)
+            pairs = [builder.add(first, ir.Constant(first.type, 8 * i)) for i in range(4)]
+            lain = _columns(builder, [_load(context, builder, sig.args[0], args[0], at, 8) for at in pairs], lanes)
+            run_block = builder.block
+        with otherwise:
+            picked = by_number()
+            picked_block = builder.block
+    columns = []
+    for one, other in zip(lain, picked, strict=True):
+        phi = builder.phi(one.type)
+        phi.add_incoming(one, run_block)
+        phi.add_incoming(other, picked_block)
+        columns.append(phi)
+    return context.make_tuple(builder, sig.return_type, columns)
+
+
+def _is_run(builder, run):
+    return builder.icmp_signed("!=", run, ir.Constant(run.type, 0))
+
+
+def _first_start(context, builder, sig, args):
+    data = context.make_array(sig.args[1])(context, builder, args[1]).data
+    place = _as_intp(context, builder, args[2], sig.args[2])
+    return _as_intp(context, builder, builder.load(builder.gep(data, [place], inbounds=True)), sig.args[1].dtype)
+
+
+def _columns(builder, rows, lanes: int):
+    """Transpose 4 vectors of records into the vectors of their columns."""
+    low, high = _groups(lanes, _LOW_INTERLEAVED), _groups(lanes, _HIGH_INTERLEAVED)
+    lower, upper = _groups(lanes, _LOW_PAIRS), _groups(lanes, _HIGH_PAIRS)
     xy01, zw01 = _shuffle(builder, rows[0], rows[1], low), _shuffle(builder, rows[0], rows[1], high)
     xy23, zw23 = _shuffle(builder, rows[2], rows[3], low), _shuffle(builder, rows[2], rows[3], high)
-    x = _shuffle(builder, xy01, xy23, pairs)
-    y = _shuffle(builder, xy01, xy23, _groups(lanes, _HIGH_PAIRS))
-    z = _shuffle(builder, zw01, zw23, pairs)
-    w = _shuffle(builder, zw01, zw23, _groups(lanes, _HIGH_PAIRS))
-    return context.make_tuple(builder, sig.return_type, (x, y, z, w))
+    return [_shuffle(builder, a, b, mask) for a, b in ((xy01, xy23), (zw01, zw23)) for mask in (lower, upper)]
+
+
+def _rows(builder, x, y, z, w, lanes: int):
+    """Transpose 4 vectors of columns into 4 vectors of records, the inverse of `_columns`."""
+    low, high = _groups(lanes, _LOW_INTERLEAVED), _groups(lanes, _HIGH_INTERLEAVED)
+    lower, upper = _groups(lanes, _LOW_PAIRS), _groups(lanes, _HIGH_PAIRS)
+    xy01, xy23 = _shuffle(builder, x, y, low), _shuffle(builder, x, y, high)
+    zw01, zw23 = _shuffle(builder, z, w, low), _shuffle(builder, z, w, high)
+    return [_shuffle(builder, a, b, mask) for a, b in ((xy01, zw01), (xy23, zw23)) for mask in (lower, upper)]
+
+
+def _add_at(context, builder, records_type, records, at, row) -> None:
+    old = _load(context, builder, records_type, records, at, row.type.count)
+    _store(context, builder, records_type, records, at, builder.fadd(old, row))
 
 
 @type_callable(scatter_add)
@@ -331,23 +393,49 @@ def _type_scatter_add(context):
 @lower_builtin(scatter_add, types.Array, types.Array, types.Integer, Vector, Vector, Vector, Vector)
 def _lower_scatter_add(context, builder, sig, args):
     lanes = sig.args[3].lanes
-    starts = _record_starts(context, builder, sig, args, lanes)
-    x, y, z, w = args[3:]
-    low, high = _groups(lanes, _LOW_INTERLEAVED), _groups(lanes, _HIGH_INTERLEAVED)
-    lower, upper = _groups(lanes, _LOW_PAIRS), _groups(lanes, _HIGH_PAIRS)
-    xy01, xy23 = _shuffle(builder, x, y, low), _shuffle(builder, x, y, high)
-    zw01, zw23 = _shuffle(builder, z, w, low), _shuffle(builder, z, w, high)
-    rows = [
-        _shuffle(builder, xy01, zw01, lower),
-        _shuffle(builder, xy01, zw01, upper),
-        _shuffle(builder, xy23, zw23, lower),
-        _shuffle(builder, xy23, zw23, upper),
-    ]
+    rows = _rows(builder, *args[3:], lanes)
     if lanes == 8:
         rows = [_shuffle(builder, row, row, list(range(half, half + 4))) for half in (0, 4) for row in rows]
-    for at, row in zip(starts, rows, strict=True):
-        old = _load(context, builder, sig.args[0], args[0], at, 4)
-        _store(context, builder, sig.args[0], args[0], at, builder.fadd(old, row))
+    for at, row in zip(_record_starts(context, builder, sig, args, lanes), rows, strict=True):
+        _add_at(context, builder, sig.args[0], args[0], at, row)
+    return context.get_dummy_value()
+
+
+@type_callable(scatter_add_line)
+def _type_scatter_add_line(context):
+    return lambda records, starts, a, b, run, xa, ya, za, xb, yb, zb: types.void
+
+
+@lower_builtin(scatter_add_line, types.Array, types.Array, types.Integer, types.Integer, types.Integer, *(Vector,) * 6)
+def _lower_scatter_add_line(context, builder, sig, args):
+    vector = sig.args[5]
+    nothing = ir.Constant(context.get_value_type(vector), None)
+    types_a = signature(None, *sig.args[:3], vector, vector, vector, vector)
+    types_b = signature(None, *sig.args[:2], sig.args[3], vector, vector, vector, vector)
+    args_a, args_b = (*args[:3], *args[5:8], nothing), (*args[:2], args[3], *args[8:], nothing)
+
+    def by_number():
+        _lower_scatter_add(context, builder, types_a, args_a)
+        _lower_scatter_add(context, builder, types_b, args_b)
+
+    if vector.lanes != 8:
+        by_number()
+        return context.get_dummy_value()
+    with builder.if_else(_is_run(builder, args[4])) as (as_run, otherwise):
+        with as_run:
+            first = _first_start(context, builder, types_a, args_a)
+            at_a, at_b = _rows(builder, *args_a[3:], 8), _rows(builder, *args_b[3:], 8)
+            before = nothing
+            for i in range(4):
+                # Records 2i and 2i + 1 get lanes 2i, 2i + 1 of corner a and lanes 2i - 1, 2i of corner b.
+                shifted = _shuffle(builder, before, at_b[i], list(range(4, 12)))
+                place = builder.add(first, ir.Constant(first.type, 8 * i))
+                _add_at(context, builder, sig.args[0], args[0], place, builder.fadd(at_a[i], shifted))
+                before = at_b[i]
+            last = _shuffle(builder, before, before, list(range(4, 8)))
+            _add_at(context, builder, sig.args[0], args[0], builder.add(first, ir.Constant(first.type, 32)), last)
+        with otherwise:
+            by_number()
     return context.get_dummy_value()
 
 

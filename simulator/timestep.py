@@ -49,7 +49,7 @@ def stable_step(model: Model, mass: np.ndarray, free: np.ndarray | None = None) 
         values, vectors = eigh_tridiagonal(np.array(diagonal), np.array(beside))
         largest = values[-1]
         residual = beta * abs(vectors[-1, -1])
-        if step + 1 >= LANCZOS_STEPS[0] and residual <= LANCZOS_TOLERANCE * largest or beta <= 1e-12 * largest:
+        if (step + 1 >= LANCZOS_STEPS[0] and residual <= LANCZOS_TOLERANCE * largest) or beta <= 1e-12 * largest:
             break
         before, now = now, image / beta
         beside.append(beta)
