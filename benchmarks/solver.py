@@ -65,7 +65,7 @@ class Stepper:
         self.stats = np.zeros((2, len(division.node_starts) - 1, kernels.STATS))
 
     def run(self) -> None:
-        arrived, ledger = np.zeros(1, np.int64), np.zeros(kernels.LEDGER)
+        arrived, ledger = np.zeros(1, np.int64), np.ones(kernels.LEDGER)
         arrays = (self.elements, self.nodes, self.loads, self.curves, self.gravity)
         kernels.advance(*arrays, 1, self.steps, 0, 1, arrived, self.scheme, ledger, self.log, self.stats)
 

@@ -43,7 +43,9 @@ LOG_ROWS = 4
 # Why `advance` came back.
 DONE, INVERTED, ENERGY_GREW = range(3)
 
-LEDGER = 8  # damping and external work so far, most external work, sums m du^2 and m du du_old, and m du (3)
+# Damping and external work so far, most external work, sums m du^2 and m du du_old, m du (3), and what to multiply the
+# work of the next step by: 1, or where the step has just changed, old over new, as the increments were scaled to the new.
+LEDGER = 9
 # What a part reports of a step: places in its 16 doubles, two cache lines.
 STATS = 16
 SQUARE, PRODUCT, LOWEST_J, WORK, MOMENTUM = 0, 1, 2, 3, 8
@@ -724,7 +726,7 @@ def advance(
     parts = nodes.forces.shape[0]
     first, last = thread * parts // threads, (thread + 1) * parts // threads
     lost, done_work, most, square, product = ledger[0], ledger[1], ledger[2], ledger[3], ledger[4]
-    px, py, pz = ledger[5], ledger[6], ledger[7]
+    px, py, pz, rescale = ledger[5], ledger[6], ledger[7], ledger[8]
     flat_gravity = gravity.reshape(-1)
     meeting = 0
     reason = DONE
@@ -777,8 +779,9 @@ def advance(
             py += mine[MOMENTUM + 1] + mine[MOMENTUM + 5]
             pz += mine[MOMENTUM + 2] + mine[MOMENTUM + 6]
         kinetic = product / (2.0 * dt * dt)
-        lost += damping / (4.0 * dt) * (2.0 * old_square + product + old_product)
-        done_work += work
+        lost += rescale * damping / (4.0 * dt) * (2.0 * old_square + product + old_product)
+        done_work += rescale * work
+        rescale = 1.0
         most = max(most, done_work)
         if thread == 0:
             log[LOG_KINETIC, step], log[LOG_DAMPING, step] = kinetic, lost
@@ -792,7 +795,7 @@ def advance(
             break
     if thread == 0:
         ledger[0], ledger[1], ledger[2], ledger[3], ledger[4] = lost, done_work, most, square, product
-        ledger[5], ledger[6], ledger[7] = px, py, pz
+        ledger[5], ledger[6], ledger[7], ledger[8] = px, py, pz, rescale
     return reason, done
 
 

@@ -113,7 +113,7 @@ class _State:
     step: int = 0
     steps: int = 0
     next_output: int = 0
-    ledger: np.ndarray = field(default_factory=lambda: np.zeros(kernels.LEDGER))
+    ledger: np.ndarray = field(default_factory=lambda: np.append(np.zeros(kernels.LEDGER - 1), 1.0))
     time_s: list = field(default_factory=list)
     frames: list = field(default_factory=list)
     energies: list = field(default_factory=list)
@@ -229,6 +229,7 @@ class _Run:
         state.arrays["du"] *= ratio
         state.ledger[3:5] *= ratio**2
         state.ledger[5:8] *= ratio
+        state.ledger[8] /= ratio
         kept = {name: array.copy() for name, array in state.arrays.items()}
         terms = self.elements.terms
         self._build(dt)
