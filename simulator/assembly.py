@@ -65,7 +65,7 @@ def _runs(starts: np.ndarray, L: int) -> np.ndarray:
     """(B,) 1 where a batch of record starts (E, n) is a run as kernels.H8Elements has it, else 0."""
     batches = -(-len(starts) // L)
     runs = np.zeros(batches, np.int64)
-    if L != len(RUN_ORDER) or starts.shape[1] != 8:
+    if len(RUN_ORDER) != L or starts.shape[1] != 8:
         return runs
     whole = starts[: len(starts) // L * L].reshape(-1, L, 8)
     in_order = whole == whole[:, :1] + 4 * np.array(RUN_ORDER)[None, :, None]

@@ -28,7 +28,7 @@ def fingerprint(model: Model, settings: tuple) -> str:
 
 
 def save(path: str | Path, run: str, arrays: dict[str, np.ndarray]) -> None:
-    """Write the arrays of the run with fingerprint `run`; a checkpoint there before stays until the new one is complete."""
+    """Write the arrays of the run with fingerprint `run`; an older checkpoint stays until the new one is complete."""
     with whole_file(path) as part, part.open("wb") as file:
         np.savez(file, run=np.array(run), **arrays)
 

@@ -44,7 +44,7 @@ LOG_ROWS = 4
 DONE, INVERTED, ENERGY_GREW = range(3)
 
 # Damping and external work so far, most external work, sums m du^2 and m du du_old, m du (3), and what to multiply the
-# work of the next step by: 1, or where the step has just changed, old over new, as the increments were scaled to the new.
+# work of the next step by: 1, or old over new step where it has just changed, as increments were scaled to the new.
 LEDGER = 9
 # What a part reports of a step: places in its 16 doubles, two cache lines.
 STATS = 16
@@ -57,8 +57,8 @@ class H8Elements(NamedTuple):
     numbers : (B * n * L,) int32, 4 times the stored node of corner a, lane l of batch b at (b n + a) L + l
     constants : (B * Q * L,) float32 or float64, in the same layout
     law : (B,) int64, law of a batch
-    run : (B,) int64, 1 where the elements of a batch of 8 lie in a row: corner by corner their nodes are stored one after
-        the other, in simd.RUN_ORDER, and corners 1, 2, 5, 6 one place after corners 0, 3, 4, 7
+    run : (B,) int64, 1 where the elements of a batch of 8 lie in a row: corner by corner their nodes are stored one
+        after the other, in simd.RUN_ORDER, and corners 1, 2, 5, 6 one place after corners 0, 3, 4, 7
     history : (B * terms * HISTORY * L,) viscous stresses, m3 Pa
     terms : number of viscous terms of each element
     starts : (P + 1,) first batch of each part
@@ -677,7 +677,7 @@ def _averages_pressure(elements):
 
 
 def element_pressures(elements, nodes, part):
-    """Add the weighted pressures of one part's elements to its nodes, where the type needs them; return the lowest J."""
+    """Add the weighted pressures of one part's elements to its nodes, where needed; return the lowest J."""
     raise NotImplementedError("compiled code only")
 
 
@@ -804,7 +804,7 @@ def advance(
 
 @njit(forceinline=True)
 def _gradient(elements, e, D, u, modes):
-    """F of one element, and for hexahedra the amplitudes of its four hourglass shapes, in rows 3 to 6 of modes (7, 3)."""
+    """F of one element, and for hexahedra the amplitudes of its hourglass shapes, in rows 3 to 6 of modes (7, 3)."""
     for i in range(3):
         if elements.shape[1] == 8:
             modes[0, i], modes[1, i], modes[2, i], modes[3, i], modes[4, i], modes[5, i], modes[6, i] = _modes(

@@ -164,7 +164,8 @@ class ViscoNeoHookean:
                 or sum(a for a, _ in terms) >= 1
             ):
                 raise InputError(
-                    f"expected {name} terms (alpha, tau) with tau above 0 s and alphas that sum to less than 1, got {terms}"
+                    f"expected {name} terms (alpha, tau) with tau above 0 s and alphas that sum to less than 1, "
+                    f"got {terms}"
                 )
             object.__setattr__(self, name, terms)
 

@@ -1,4 +1,4 @@
-"""Structured meshes: blocks of hexahedra or tetrahedra, and the one-layer sheet with a slit that speed is measured on."""
+"""Structured meshes: blocks of hexahedra or tetrahedra, and the one-layer sheet with a slit for timing."""
 
 from __future__ import annotations
 

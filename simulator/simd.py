@@ -56,7 +56,7 @@ RUN_ORDER = (0, 2, 4, 6, 1, 3, 5, 7)  # lanes of a run hold its elements in this
 def gather(records: np.ndarray, starts: np.ndarray, start: int, run: int):
     """Vectors of the four columns of the records (N, 4) whose numbers times 4 are consecutive in the flat `starts`.
 
-    `run` other than 0 promises that the records of 8 lanes are consecutive, in RUN_ORDER; they are then read as they lie.
+    `run` other than 0 promises that the records of 8 lanes are consecutive, in RUN_ORDER; they are read as they lie.
     """
     rows = records[starts[start : start + LANES[records.dtype]] // 4]
     return rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 3]

@@ -59,8 +59,8 @@ def solve(
     safety : dt "auto" takes this part of the stable step
     mass_scaling : factor on all densities, for quasi-static motion
     lightest_dt_s : add mass to the elements that alone would need a smaller step than this, s
-    checkpoint_path : file that is written every `checkpoint_every_s` seconds of work, and when the run is interrupted; a
-        run that finds it goes on from there and ends in the same bits as one that was never interrupted
+    checkpoint_path : file that is written every `checkpoint_every_s` seconds of work, and when the run is interrupted;
+        a run that finds it goes on from there and ends in the same bits as one that was never interrupted
     progress : show a progress bar with the time left
 
     Returns
@@ -69,7 +69,7 @@ def solve(
 
     Raises
     ------
-    InputError : a setting out of range, a body that can move without deforming, NaN in a load, a checkpoint of another run
+    InputError : a setting out of range, a body free to move without deforming, NaN in a load, another run's checkpoint
     """
     precision = precision or "mixed"
     _check_settings(precision, threads, safety, mass_scaling)
@@ -286,10 +286,8 @@ class _Run:
         curves, gravity = self._load_table(state.step // BLOCK)
         column = state.step % BLOCK + 1
         steps = BLOCK - state.step % BLOCK
-        if state.next_output < len(self.times):
-            steps = min(steps, self._output_step() - state.step)
-        else:
-            steps = 1  # the energies of the last state
+        # After the last saved state one more step makes its energies known.
+        steps = min(steps, self._output_step() - state.step) if state.next_output < len(self.times) else 1
         log = np.empty((kernels.LOG_ROWS, steps))
         count = choice.count()
         reason, done = self._steps(pool, count, curves, gravity, column, steps, log)
@@ -319,7 +317,7 @@ class _Run:
         return result
 
     def _load_table(self, block: int) -> tuple[np.ndarray, np.ndarray]:
-        """Load factors (curves, BLOCK + 2) and gravity (BLOCK + 2, 8) from one step before the block to one after it."""
+        """Load factors (curves, BLOCK + 2) and gravity (BLOCK + 2, 8) from a step before the block to one after."""
         if self._table_of != block:
             state = self.state
             t = state.base_s + state.dt * np.arange(block * BLOCK - 1, (block + 1) * BLOCK + 1)

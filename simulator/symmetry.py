@@ -88,7 +88,7 @@ def half(model: Model, axis: int = 0, at_m: float = 0.0) -> Half:
 
 
 def _partners(model: Model, image: np.ndarray, tolerance: float, axis: int, at_m: float) -> np.ndarray:
-    """(N,) node at each node's mirror image; among nodes that share a place, the one whose elements are mirrored too."""
+    """(N,) node at each node's mirror image; where nodes share a place, by their elements."""
     tree = cKDTree(model.nodes)
     distance, partner = tree.query(image)
     if (distance > tolerance).any():
@@ -114,7 +114,7 @@ def _check_elements(model: Model, partner: np.ndarray, right: np.ndarray, left: 
     for e in np.flatnonzero(right):
         if own.get(tuple(sorted(partner[model.elements[e]].tolist()))) != model.material_of[e]:
             raise InputError(
-                f"expected a mirror-symmetric mesh, got element {e} whose mirror image is missing or of another material; "
+                f"expected a mirror-symmetric mesh, got element {e} whose image is missing or of another material; "
                 "solve the whole model"
             )
 

@@ -119,8 +119,8 @@ def _averaging(model: Model) -> sparse.csr_array:
 def element_steps(model: Model, density: np.ndarray | None = None) -> np.ndarray:
     """(E,) s: stable step of each element by itself. The smallest is a lower bound of `stable_step`.
 
-    Per element the nonzero eigenvalues of M_e^-1 K_e are those of (n/m) V C^1/2 B B^T C^1/2 (6 x 6) and of the hourglass
-    stiffness (n/m) k gamma^T gamma (4 x 4), with m the element's mass.
+    Per element the nonzero eigenvalues of M_e^-1 K_e are those of (n/m) V C^1/2 B B^T C^1/2 (6 x 6) and of the
+    hourglass stiffness (n/m) k gamma^T gamma (4 x 4), with m the element's mass.
 
     density : (E,) kg/m3; None takes that of the materials
     """

@@ -59,8 +59,10 @@ def test_a_ring_of_elements_is_broken_open_somewhere():
     corners = [np.stack([r * np.cos(angle), r * np.sin(angle), np.full(around, z)], 1) for z in (0, 1) for r in (1, 2)]
     inner, outer, inner_up, outer_up = (np.arange(around) + around * k for k in range(4))
     elements = np.stack(
-        [inner, np.roll(inner, -1), np.roll(outer, -1), outer]
-        + [inner_up, np.roll(inner_up, -1), np.roll(outer_up, -1), outer_up],
+        [
+            *(inner, np.roll(inner, -1), np.roll(outer, -1), outer),
+            *(inner_up, np.roll(inner_up, -1), np.roll(outer_up, -1), outer_up),
+        ],
         axis=1,
     )
     nodes = np.concatenate(corners)

@@ -130,7 +130,7 @@ def test_displacements_of_one_node_add_up_and_win_over_fixed():
 
 
 def test_viscous_stress_relaxes_to_its_long_time_part():
-    # Held stretched in confined compression: the axial reaction decays from the instantaneous stress to (1 - alpha) of it.
+    # Held stretched in confined compression: the reaction decays from the instantaneous stress to (1 - alpha) of it.
     nodes, elements = block((1, 1, 1), (0.01, 0.01, 0.01))
     held = Fixed(np.arange(8))
     pull = Displacement(np.arange(4, 8), 2, 5e-4, Ramp(0.002))
@@ -264,7 +264,7 @@ def test_nan_in_a_load_curve_is_refused():
 
     base = hanging()
     model = Model(base.nodes, base.elements, loads=(base.loads[0], Gravity(1.0, (1, 0, 0), Broken(1))), dt_s=2e-4)
-    with pytest.raises(InputError, match="finite load factors, got nan at 0.0502 s"):
+    with pytest.raises(InputError, match=r"finite load factors, got nan at 0\.0502 s"):
         solve(model)
 
 
