@@ -34,8 +34,8 @@ def check_supports(model: Model) -> None:
         if _rank(model.nodes[nodes], held[nodes]) < 6:
             raise InputError(
                 f"expected every body to be held against moving and turning, got one of {len(nodes)} nodes, "
-                f"the first is node {nodes[0]}, that {_freedom(model.nodes[nodes], held[nodes])}; fix more of its nodes, "
-                "or set free_bodies if it is meant to fly"
+                f"the first is node {nodes[0]}, that {_freedom(model.nodes[nodes], held[nodes])}; fix more "
+                "of its nodes, or set free_bodies if it is meant to fly"
             )
 
 

@@ -40,7 +40,9 @@ def extruded(rng) -> Model:
     return Model(nodes.reshape(-1, 3) @ (Q * np.linalg.det(Q)).T, cells)
 
 
-def compiled_forces(model: Model, u: np.ndarray, precision: str = "float64", parts: int = 1) -> tuple[np.ndarray, float]:
+def compiled_forces(
+    model: Model, u: np.ndarray, precision: str = "float64", parts: int = 1
+) -> tuple[np.ndarray, float]:
     """Forces (N, 3) and lowest J of the kernels."""
     division = partition(model.elements, assembly.laws(model), len(model.nodes), parts)
     of_elements = assembly.PRECISIONS[precision][0]
@@ -89,7 +91,9 @@ def test_hourglass_vectors_ignore_affine_motion():
 def test_patch_test_an_affine_motion_leaves_inner_nodes_in_balance(element_type):
     # Hexahedra with one point at the centre pass it where the element is an extruded quadrilateral, as in a face mesh.
     rng = np.random.default_rng(3)
-    model = extruded(rng) if element_type == "H8" else distorted(element_type, rng, cells=(4, 4, 4), materials=(TISSUE,))
+    model = (
+        extruded(rng) if element_type == "H8" else distorted(element_type, rng, cells=(4, 4, 4), materials=(TISSUE,))
+    )
     u = model.nodes @ (rng.uniform(-0.3, 0.3, (3, 3))).T
     for f in (elements.internal_forces(*arguments(model), u), compiled_forces(model, u)[0]):
         inner = inner_nodes(model)

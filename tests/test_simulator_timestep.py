@@ -21,7 +21,9 @@ def test_stable_step_is_that_of_the_dense_eigenvalue_problem(element_type):
         u = np.zeros(model.nodes.size)
         u[i] = h
         u = u.reshape(-1, 3)
-        columns.append((elements.internal_forces(*arguments, u) - elements.internal_forces(*arguments, -u)).ravel() / (2 * h))
+        columns.append(
+            (elements.internal_forces(*arguments, u) - elements.internal_forces(*arguments, -u)).ravel() / (2 * h)
+        )
     roots = np.repeat(1 / np.sqrt(mass), 3)
     largest = np.linalg.eigvals(roots[:, None] * np.array(columns) * roots).real.max()
     exact = 2 / np.sqrt(largest)
@@ -32,7 +34,9 @@ def test_stable_step_is_that_of_the_dense_eigenvalue_problem(element_type):
 
 def test_element_steps_are_exact_for_a_single_element():
     model = Model(*block((1, 1, 1), (0.01, 0.02, 0.015)))
-    assert timestep.element_steps(model)[0] == pytest.approx(timestep.stable_step(model, assembly.masses(model)), rel=0.01)
+    assert timestep.element_steps(model)[0] == pytest.approx(
+        timestep.stable_step(model, assembly.masses(model)), rel=0.01
+    )
 
 
 def test_hourglass_stiffness_lowers_the_step():
