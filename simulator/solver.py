@@ -288,8 +288,8 @@ class _Run:
         steps = BLOCK - state.step % BLOCK
         # After the last saved state one more step makes its energies known.
         steps = min(steps, self._output_step() - state.step) if state.next_output < len(self.times) else 1
+        count, steps = choice.next(steps)
         log = np.empty((kernels.LOG_ROWS, steps))
-        count = choice.count()
         reason, done = self._steps(pool, count, curves, gravity, column, steps, log)
         state.step += done
         state.steps += done
