@@ -1,7 +1,7 @@
 """How fast and how accurate the simulator's solver is. Prints the solver's tables of RESULTS.md and its figures.
 
     python benchmarks/solver.py --write               # all tables, then the section of RESULTS.md
-    python benchmarks/solver.py --tables speed        # some of: speed precision animation auto symmetry elements static
+    python benchmarks/solver.py --tables speed auto   # some of them; --help lists all
 
 Meshes are one layer of hexahedra like the lower face, with a closed slit, of the thesis's sizes; "jumbled" is the same
 with node and element numbers in random order. Times of single-thread kernels are processor time of the thread, the best
@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import os
 import platform
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -308,6 +309,35 @@ def _bending_figure(shapes: dict) -> None:
     figure.savefig(FIGURES / "bending.png", dpi=110)
 
 
+def static_table() -> str:
+    """The settled state against a fully integrated static solution that the tests carry; and the figure."""
+    sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+    from matplotlib.figure import Figure
+    from test_simulator_statics import converged, settled
+
+    limit = converged()
+    counts = [4, 8, 16]
+    errors = [abs(settled(n) / limit - 1) for n in counts]
+    slope = -np.polyfit(np.log(counts), np.log(errors), 1)[0]
+    figure = Figure(figsize=(4.5, 3.6), layout="constrained")
+    axes = figure.subplots()
+    h = 20 / np.array(counts)
+    axes.loglog(h, errors, "o-", label=f"H8, slope {slope:.2f}")
+    axes.loglog(h, errors[0] * (h / h[0]) ** 2, "--", color="grey", label="order 2")
+    axes.set_xlabel("element size, mm")
+    axes.set_ylabel("relative error of the compliance")
+    axes.set_xticks(h, [f"{size:g}" for size in h])
+    axes.minorticks_off()
+    axes.legend(frameon=False)
+    FIGURES.mkdir(parents=True, exist_ok=True)
+    figure.savefig(FIGURES / "static_convergence.png", dpi=110)
+    table = pd.DataFrame(
+        {f"{2 * n} x {n} x {n}": {"relative error": f"{e:.1e}"} for n, e in zip(counts, errors, strict=True)}
+    )
+    table.index.name = "cells"
+    return f"Static limit, smooth load; the error falls with order {slope:.2f}.\n\n" + markdown(table)
+
+
 def _residual(motion) -> float:
     work = np.abs(motion.energies["external_j"]).max()
     return float(np.abs(motion.energies["residual_j"]).max() / work) if work else 0.0
@@ -324,6 +354,7 @@ def main() -> None:
         "threads": lambda a: threads_table(3),
         "symmetry": lambda a: symmetry_table(5),
         "bending": lambda a: bending_table(True),
+        "static": lambda a: static_table(),
     }
     parser.add_argument("--tables", nargs="+", choices=tables, default=list(tables))
     parser.add_argument("--sizes", nargs="+", type=int, choices=SHEET_CELLS, default=list(SHEET_CELLS))
