@@ -8,7 +8,7 @@ from pathlib import Path
 import pandas as pd
 
 RESULTS = Path(__file__).with_name("RESULTS.md")
-SECTIONS = ("accuracy", "speed")
+SECTIONS = ("accuracy", "speed", "solver")
 
 
 def markdown(table: pd.DataFrame, decimals: int = 2) -> str:

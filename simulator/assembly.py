@@ -1,0 +1,275 @@
+"""From a model to the arrays of the kernels: element constants, nodal records, loads by degree of freedom."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from simulator import elements as geometry
+from simulator import kernels
+from simulator.errors import InputError
+from simulator.materials import NeoHookean, StVenantKirchhoff, ViscoNeoHookean
+from simulator.model import Displacement, Fixed, Force, Gravity, Model, Pressure
+from simulator.partition import Partition
+from simulator.simd import LANES, RUN_ORDER
+
+_ELEMENTS = {"H8": kernels.H8Elements, "T4": kernels.T4Elements, "T4ANP": kernels.T4ANPElements}
+_LAW = {
+    NeoHookean: kernels.NEO_HOOKEAN,
+    StVenantKirchhoff: kernels.ST_VENANT_KIRCHHOFF,
+    ViscoNeoHookean: kernels.VISCO_NEO_HOOKEAN,
+}
+# (dtype of elements, dtype of nodal sums)
+PRECISIONS = {
+    "float32": (np.float32, np.float32),
+    "mixed": (np.float32, np.float64),
+    "float64": (np.float64, np.float64),
+}
+
+
+def laws(model: Model) -> np.ndarray:
+    """(E,) constitutive law of each element, as the kernels number them."""
+    return np.array([_LAW[type(material)] for material in model.materials])[model.material_of]
+
+
+def masses(model: Model, factors: np.ndarray | float = 1.0) -> np.ndarray:
+    """(N,) lumped nodal mass, kg, the mass of each element multiplied by `factors` (E,) or one number."""
+    density = np.array([material.density for material in model.materials])[model.material_of]
+    return geometry.lumped_mass(model.nodes, model.elements, density * factors)
+
+
+def element_arrays(model: Model, parts: Partition, dtype: type, dt: float):
+    """H8Elements, T4Elements or T4ANPElements of a model; dt (s) enters the viscous terms only."""
+    L = LANES[np.dtype(dtype)]
+    order = parts.elements
+    stored_at = np.empty(len(model.nodes), np.int32)
+    stored_at[parts.nodes] = np.arange(len(model.nodes), dtype=np.int32)
+    spare = len(model.nodes)  # record of the empty elements
+    starts_of_records = 4 * np.where(order[:, None] >= 0, stored_at[model.elements[order]], spare).astype(np.int32)
+    constants = _element_constants(model)[order]
+    constants[order < 0] = 0.0
+    law = laws(model)[order]
+    history, terms = _history(model, dt)
+    starts = -(-parts.element_starts // L)
+    return _ELEMENTS[model.element_type](
+        _batched(starts_of_records, L, 4 * spare),
+        _batched(constants.astype(dtype), L, 0),
+        law[::L].astype(np.int64),
+        _runs(starts_of_records, L),
+        _batched(history[order].astype(dtype), L, 0),
+        terms,
+        starts,
+    )
+
+
+def _runs(starts: np.ndarray, L: int) -> np.ndarray:
+    """(B,) 1 where a batch of record starts (E, n) is a run as kernels.H8Elements has it, else 0."""
+    batches = -(-len(starts) // L)
+    runs = np.zeros(batches, np.int64)
+    if len(RUN_ORDER) != L or starts.shape[1] != 8:
+        return runs
+    whole = starts[: len(starts) // L * L].reshape(-1, L, 8)
+    in_order = whole == whole[:, :1] + 4 * np.array(RUN_ORDER)[None, :, None]
+    next_places = whole[:, 0, [1, 2, 5, 6]] == whole[:, 0, [0, 3, 4, 7]] + 4
+    runs[: len(whole)] = in_order.all(axis=(1, 2)) & next_places.all(axis=1)
+    return runs
+
+
+def _element_constants(model: Model) -> np.ndarray:
+    """(E, Q) in the order of kernels.CONSTANTS."""
+    nodes, elements = model.nodes, model.elements
+    n_elements = len(elements)
+    V = geometry.signed_volumes(nodes, elements)
+    D = geometry.natural_gradients(nodes, elements)
+    shear, bulk, wave = (
+        np.array([getattr(material, name) for material in model.materials])[model.material_of]
+        for name in ("shear_pa", "bulk_pa", "wave_modulus_pa")
+    )
+    second = np.where(laws(model) == kernels.ST_VENANT_KIRCHHOFF, bulk - 2 / 3 * shear, bulk)
+    columns = [D.reshape(n_elements, 9), (V * shear)[:, None], (V * second)[:, None]]
+    if model.element_type == "H8":
+        # gamma_ai = Gamma_ai - sum_k s_ak M_ik with M_ik = sum_j L_ij D_kj, L_ij = sum_b Gamma_bi X_bj.
+        L = np.einsum("bi,ebj->eij", geometry.HOURGLASS, nodes[elements])
+        M = np.einsum("eij,ekj->eik", L, D)
+        k = geometry.hourglass_stiffness(nodes, elements, wave, model.hourglass)
+        columns += [k[:, None], M.reshape(n_elements, 12)]
+    if model.element_type == "T4ANP":
+        columns += [(1 / bulk)[:, None], (V * bulk)[:, None]]
+    return np.concatenate(columns, axis=1)
+
+
+def _history(model: Model, dt: float) -> tuple[np.ndarray, int]:
+    """(E, terms * HISTORY) factors of the viscous terms and their stresses, 0; and the number of terms."""
+    series = []
+    for material in model.materials:
+        kinds = ((1.0, "isochoric"), (0.0, "volumetric"))
+        series.append([(iso, *term) for iso, name in kinds for term in getattr(material, name, ())])
+    terms = max(map(len, series))
+    table = np.zeros((len(series), terms, kernels.HISTORY))
+    for number, rows in enumerate(series):
+        for term, (iso, alpha, tau) in enumerate(rows):
+            table[number, term, :3] = iso, tau / (dt + tau), dt * alpha / (dt + tau)
+    return table.reshape(len(series), -1)[model.material_of], terms
+
+
+def _batched(rows: np.ndarray, L: int, filler: float) -> np.ndarray:
+    """(E, Q) -> flat (B, Q, L), the last batch filled up."""
+    batches = -(-len(rows) // L)
+    full = np.full((batches * L, rows.shape[1]), filler, rows.dtype)
+    full[: len(rows)] = rows
+    return np.ascontiguousarray(full.reshape(batches, L, -1).transpose(0, 2, 1)).reshape(-1)
+
+
+def node_arrays(model: Model, parts: Partition, precision: str, dt: float, mass: np.ndarray) -> kernels.Nodes:
+    """Nodal records at rest, in storage order."""
+    of_elements, of_sums = PRECISIONS[precision]
+    n_nodes = len(model.nodes)
+    records = (n_nodes + 2) // 2 * 2  # at least one spare; two records of float32 fill one register
+    parts_count = len(parts.node_starts) - 1
+
+    def record(values, dtype):
+        full = np.zeros((records, 4), dtype)
+        full[:n_nodes, :3] = values[parts.nodes]
+        return full
+
+    fixed, moved = constrained(model)
+    compliance = np.repeat((dt**2 / (1 + model.damping * dt / 2) / mass)[:, None], 3, axis=1)
+    compliance[fixed] = 0.0
+    compliance[moved] = 1.0
+    V = np.repeat(geometry.volumes(model.nodes, model.elements), model.elements.shape[1])
+    at_node = np.bincount(model.elements.ravel(), V, minlength=n_nodes)
+    inverse_volume = np.zeros(records)
+    inverse_volume[:n_nodes] = 1 / at_node[parts.nodes]
+    return kernels.Nodes(
+        seen=np.zeros((records, 4), of_elements),
+        forces=np.zeros((parts_count, records, 4), of_elements),
+        rest=record(model.nodes, np.float64),
+        u=np.zeros((records, 4), of_sums),
+        du=np.zeros((records, 4), of_sums),
+        compliance=record(compliance, of_elements),
+        mass=record(np.repeat(mass[:, None], 3, axis=1), of_elements),
+        inverse_volume=inverse_volume,
+        starts=parts.node_starts,
+        touched=parts.touched,
+    )
+
+
+def constrained(model: Model) -> tuple[np.ndarray, np.ndarray]:
+    """Two masks (N, 3): degrees of freedom held at 0, and those displaced (which wins over held)."""
+    fixed, moved = np.zeros((2, len(model.nodes), 3), bool)
+    for load in model.loads:
+        if isinstance(load, Fixed):
+            for axis in load.axes:
+                fixed[load.nodes, axis] = True
+        if isinstance(load, Displacement):
+            moved[load.nodes, load.axis] = True
+    return fixed & ~moved, moved
+
+
+def load_arrays(model: Model, parts: Partition, mass: np.ndarray) -> tuple[kernels.Loads, list, list]:
+    """Loads by stored degree of freedom, the list of curves they refer to, and the gravities of all nodes.
+
+    A gravity of all nodes is (curve number, acceleration vector (3,)).
+    """
+    stored_at = np.empty(len(model.nodes), np.int64)
+    stored_at[parts.nodes] = np.arange(len(model.nodes))
+    curves, gravities, forces, moves, faces = [], [], [], [], []
+    fixed, _ = constrained(model)
+    for load in model.loads:
+        if isinstance(load, Fixed):
+            continue
+        number = len(curves)
+        curves.append(load.shape)
+        match load:
+            case Displacement():
+                moves += [(4 * stored_at[load.nodes] + load.axis, load.magnitudes_m, number)]
+            case Force():
+                free = ~fixed[load.nodes, load.axis]
+                forces += [(4 * stored_at[load.nodes[free]] + load.axis, load.magnitudes_n[free], number)]
+            case Gravity(nodes=None):
+                gravities.append((number, load.acceleration * load.direction))
+            case Gravity():
+                for axis in np.flatnonzero(load.direction):
+                    nodes = load.nodes[~fixed[load.nodes, axis]]
+                    weight = load.acceleration * load.direction[axis] * mass[nodes]
+                    forces += [(4 * stored_at[nodes] + axis, weight, number)]
+            case Pressure():
+                faces += [(stored_at[load.faces], load.magnitude_pa, number)]
+    force_dof, force_n, force_curve = _joined(forces)
+    order = np.argsort(force_dof, kind="stable")
+    force_dof, force_n, force_curve = force_dof[order], force_n[order], force_curve[order]
+    term_dof, moved_m, moved_curve = _joined(moves)
+    order = np.argsort(term_dof, kind="stable")
+    term_dof, moved_m, moved_curve = term_dof[order], moved_m[order], moved_curve[order]
+    moved_dof, first = np.unique(term_dof, return_index=True)
+    face_nodes, face_pa, face_curve, face_starts = _faces_by_part(faces, parts, model, stored_at)
+    bounds = 4 * parts.node_starts
+    loads = kernels.Loads(
+        force_dof,
+        force_n,
+        force_curve,
+        np.searchsorted(force_dof, bounds),
+        moved_dof,
+        moved_m,
+        moved_curve,
+        np.append(first, len(term_dof)),
+        np.searchsorted(moved_dof, bounds),
+        np.zeros(len(moved_dof)),
+        face_nodes,
+        face_pa,
+        face_curve,
+        face_starts,
+        np.zeros((len(face_nodes), 3)),
+    )
+    return loads, curves, gravities
+
+
+def _joined(entries: list) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(dof, magnitude, curve number) of all entries, one row per degree of freedom."""
+    dof = np.concatenate([np.zeros(0, np.int64), *(dof for dof, _, _ in entries)])
+    magnitude = np.concatenate([np.zeros(0), *(values for _, values, _ in entries)])
+    curve = np.concatenate([np.zeros(0, np.int64), *(np.full(len(dof), c) for dof, _, c in entries)])
+    return dof, magnitude, curve
+
+
+def _faces_by_part(faces: list, parts: Partition, model: Model, stored_at: np.ndarray):
+    """Faces sorted by a part whose elements touch all their nodes, so that it may add forces there."""
+    count = len(parts.element_starts) - 1
+    nodes = np.full((sum(len(f) for f, _, _ in faces), 4), -1, np.int64)
+    pressure, curve = np.zeros(len(nodes)), np.zeros(len(nodes), np.int64)
+    row = 0
+    for numbers, magnitude, c in faces:
+        rows = slice(row, row + len(numbers))
+        nodes[rows, : numbers.shape[1]], pressure[rows], curve[rows] = numbers, magnitude, c
+        row += len(numbers)
+    owner = np.full(len(nodes), -1)
+    for part in range(count - 1, -1, -1):
+        visited = parts.elements[parts.element_starts[part] : parts.element_starts[part + 1]]
+        touched = np.zeros(len(model.nodes) + 1, bool)
+        touched[stored_at[model.elements[visited[visited >= 0]]]] = True
+        touched[-1] = True  # the missing 4th node of a triangle
+        owner[touched[nodes].all(axis=1)] = part
+    if (owner < 0).any():
+        face = nodes[np.argmax(owner < 0)]
+        raise InputError(
+            f"expected a Pressure face to be a face of an element, got nodes {parts.nodes[face[face >= 0]].tolist()}"
+        )
+    order = np.argsort(owner, kind="stable")
+    return nodes[order], pressure[order], curve[order], np.searchsorted(owner[order], np.arange(count + 1))
+
+
+def energy_arrays(model: Model) -> tuple[np.ndarray, ...]:
+    """Arguments of kernels.strain_energies and kernels.largest_area_stretch: elements, D, V, moduli, law, k, M."""
+    constants = _element_constants(model)
+    if model.element_type == "H8":
+        k, M = constants[:, 11].copy(), constants[:, 12:24].reshape(-1, 4, 3).copy()
+    else:
+        k, M = np.zeros(0), np.zeros((0, 4, 3))
+    return (
+        np.ascontiguousarray(model.elements),
+        constants[:, :9].reshape(-1, 3, 3).copy(),
+        constants[:, 9].copy(),
+        constants[:, 10].copy(),
+        laws(model),
+        k,
+        M,
+    )

@@ -1,0 +1,177 @@
+"""Element geometry in the reference configuration, and the slow, plain force and energy of a whole mesh.
+
+H8 is the 8-node hexahedron with one integration point and stiffness hourglass control, T4 the linear tetrahedron, T4ANP
+the tetrahedron whose pressure is averaged at the nodes. The numpy functions here are what the compiled kernels are
+tested against; they can be read beside docs/solver.md.
+
+Sources: M. I. Leach, thesis (Sheffield, 2020), section 3.4 (with the signs of eqs 3.26, 3.28, 3.29 and 3.31 corrected);
+D. P. Flanagan, T. Belytschko, IJNME 17 (1981) 679; G. R. Joldes, A. Wittek, K. Miller, CNME 25 (2009) 827;
+Z. A. Taylor et al., IEEE TMI 27 (2008) 650, and NiftySim 2.5 for the conventions.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+NODES_OF = {"H8": 8, "T4": 4, "T4ANP": 4}
+
+# Natural coordinates (xi, eta, zeta) of the 8 nodes, (8, 3); shape functions N_a = prod(1 + s_a xi) / 8.
+CORNERS = np.array(
+    [[-1, -1, -1], [1, -1, -1], [1, 1, -1], [-1, 1, -1], [-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]], dtype=float
+)
+
+
+def signed_volumes(nodes: np.ndarray, elements: np.ndarray) -> np.ndarray:
+    """(E,) m3: exact volume of tetrahedra, and of hexahedra the volume 8 det J0 of the centre, < 0 where inverted."""
+    return np.linalg.det(_centre_jacobians(nodes, elements)) * (8 if elements.shape[1] == 8 else 1 / 6)
+
+
+def _centre_jacobians(nodes: np.ndarray, elements: np.ndarray) -> np.ndarray:
+    """(E, 3, 3): dX_j / dxi_i at the centre."""
+    X = nodes[elements]
+    if elements.shape[1] == 4:
+        return X[:, 1:] - X[:, :1]
+    return np.einsum("ai,eaj->eij", CORNERS, X) / 8
+
+
+# Base vectors of the hourglass modes eta zeta, xi zeta, xi eta, xi eta zeta at the nodes, (8, 4).
+HOURGLASS = np.stack(
+    [
+        CORNERS[:, 1] * CORNERS[:, 2],
+        CORNERS[:, 0] * CORNERS[:, 2],
+        CORNERS[:, 0] * CORNERS[:, 1],
+        CORNERS.prod(axis=1),
+    ],
+    axis=1,
+)
+
+
+def natural_gradients(nodes: np.ndarray, elements: np.ndarray) -> np.ndarray:
+    """(E, 3, 3) 1/m: D[k, j] = c dxi_k / dX_j at the centre, with c = 1/8 for hexahedra and 1 for tetrahedra.
+
+    The shape function gradients are dN_a / dX_j = sum_k s_ak D[k, j]; s are CORNERS for hexahedra; for tetrahedra
+    node k + 1 has s = 1 for its own k, and node 0 has s = -1 for all.
+    """
+    return np.swapaxes(np.linalg.inv(_centre_jacobians(nodes, elements)), 1, 2) / (8 if elements.shape[1] == 8 else 1)
+
+
+def shape_gradients(nodes: np.ndarray, elements: np.ndarray) -> np.ndarray:
+    """(E, n, 3) 1/m: B[a, j] = dN_a / dX_j at the centre."""
+    D = natural_gradients(nodes, elements)
+    return np.einsum("ak,ekj->eaj", CORNERS if elements.shape[1] == 8 else _TETRAHEDRON, D)
+
+
+_TETRAHEDRON = np.array([[-1, -1, -1], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype=float)
+
+
+def volumes(nodes: np.ndarray, elements: np.ndarray) -> np.ndarray:
+    """(E,) m3: exact volume, of hexahedra that of the trilinear map (2 x 2 x 2 Gauss points integrate it exactly)."""
+    if elements.shape[1] == 4:
+        return signed_volumes(nodes, elements)
+    X = nodes[elements]
+    total = np.zeros(len(elements))
+    for point in CORNERS / np.sqrt(3):
+        total += np.linalg.det(np.einsum("ai,eaj->eij", hexahedron_gradients(point), X))
+    return total
+
+
+def hexahedron_gradients(point: np.ndarray) -> np.ndarray:
+    """(8, 3): dN_a / dxi_i at natural coordinates `point` (3,)."""
+    terms = 1 + CORNERS * point
+    return CORNERS / 8 * np.stack([terms[:, 1] * terms[:, 2], terms[:, 0] * terms[:, 2], terms[:, 0] * terms[:, 1]], 1)
+
+
+def hourglass_vectors(nodes: np.ndarray, elements: np.ndarray) -> np.ndarray:
+    """(E, 8, 4): gamma_ai = Gamma_ai - sum_b (B_a . X_b) Gamma_bi, the modes freed of every affine displacement."""
+    B = shape_gradients(nodes, elements)
+    return HOURGLASS - np.einsum("eaj,ebj,bi->eai", B, nodes[elements], HOURGLASS)
+
+
+def hourglass_stiffness(
+    nodes: np.ndarray, elements: np.ndarray, wave_modulus_pa: np.ndarray, kappa: float
+) -> np.ndarray:
+    """(E,) N/m: k = kappa V (lambda + 2 mu) sum B^2 / 8 with lambda + 2 mu (E,) in Pa; `kappa` is dimensionless."""
+    B = shape_gradients(nodes, elements)
+    return kappa * volumes(nodes, elements) * wave_modulus_pa * np.einsum("eaj,eaj->e", B, B) / 8
+
+
+def lumped_mass(nodes: np.ndarray, elements: np.ndarray, density: np.ndarray) -> np.ndarray:
+    """(N,) kg: each element of density (E,) kg/m3 gives the same share of its mass to each of its nodes."""
+    n = elements.shape[1]
+    share = np.repeat(density * volumes(nodes, elements) / n, n)
+    return np.bincount(elements.ravel(), share, minlength=len(nodes))
+
+
+def deformation_gradients(nodes: np.ndarray, elements: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """(E, 3, 3): F = I + sum_a u_a B_a at the centre, for displacements u (N, 3), m."""
+    return np.eye(3) + np.einsum("eai,eaj->eij", u[elements], shape_gradients(nodes, elements))
+
+
+def averaged_gradients(nodes: np.ndarray, elements: np.ndarray, bulk_pa: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """(E, 3, 3): F~ = (J~ / J)^(1/3) F of nodally averaged pressure, with J~ = p~ / K + 1 and bulk_pa K (E,).
+
+    The element pressure K (J - 1) is averaged, weighted by volume, over the elements at each node, and p~ is the mean
+    over the four nodes (Joldes et al. 2009, eqs 6 to 12).
+    """
+    F = deformation_gradients(nodes, elements, u)
+    J = np.linalg.det(F)
+    V = volumes(nodes, elements)
+    at_nodes = elements.ravel()
+    pressure = np.bincount(at_nodes, np.repeat(bulk_pa * (J - 1) * V, 4)) / np.bincount(at_nodes, np.repeat(V, 4))
+    J_averaged = pressure[elements].mean(axis=1) / bulk_pa + 1
+    return (J_averaged / J)[:, None, None] ** (1 / 3) * F
+
+
+def internal_forces(
+    nodes: np.ndarray,
+    elements: np.ndarray,
+    element_type: str,
+    materials: tuple,
+    material_of: np.ndarray,
+    hourglass: float,
+    u: np.ndarray,
+) -> np.ndarray:
+    """(N, 3) N: f_a = V P B_a, for H8 with V = 8 det J0 and sum_i gamma_ai k (gamma_bi u_b) added (thesis eq. 3.48)."""
+    F, wave_modulus = _element_state(nodes, elements, element_type, materials, material_of, u)
+    P = np.empty_like(F)
+    for number, material in enumerate(materials):
+        P[material_of == number] = material.stress(F[material_of == number])
+    V = signed_volumes(nodes, elements)
+    f = np.einsum("e,eij,eaj->eai", V, P, shape_gradients(nodes, elements))
+    if element_type == "H8":
+        gamma = hourglass_vectors(nodes, elements)
+        k = hourglass_stiffness(nodes, elements, wave_modulus, hourglass)
+        f += np.einsum("e,eai,ebi,ebj->eaj", k, gamma, gamma, u[elements])
+    total = np.zeros_like(nodes)
+    np.add.at(total, elements, f)
+    return total
+
+
+def strain_energies(
+    nodes: np.ndarray,
+    elements: np.ndarray,
+    element_type: str,
+    materials: tuple,
+    material_of: np.ndarray,
+    hourglass: float,
+    u: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Two arrays (E,) J: V psi(F), and k/2 sum_i |gamma_bi u_b|^2 of the hourglass modes (0 for tetrahedra)."""
+    F, wave_modulus = _element_state(nodes, elements, element_type, materials, material_of, u)
+    psi = np.empty(len(elements))
+    for number, material in enumerate(materials):
+        psi[material_of == number] = material.energy(F[material_of == number])
+    elastic = signed_volumes(nodes, elements) * psi
+    if element_type != "H8":
+        return elastic, np.zeros(len(elements))
+    modes = np.einsum("ebi,ebj->eij", hourglass_vectors(nodes, elements), u[elements])
+    k = hourglass_stiffness(nodes, elements, wave_modulus, hourglass)
+    return elastic, k / 2 * np.einsum("eij,eij->e", modes, modes)
+
+
+def _element_state(nodes, elements, element_type, materials, material_of, u):
+    if element_type == "T4ANP":
+        F = averaged_gradients(nodes, elements, np.array([m.bulk_pa for m in materials])[material_of], u)
+    else:
+        F = deformation_gradients(nodes, elements, u)
+    return F, np.array([m.wave_modulus_pa for m in materials])[material_of]

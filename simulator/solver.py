@@ -1,0 +1,448 @@
+"""Explicit dynamics of a model: from its loads to the motion of its nodes.
+
+`solve` is the whole method: divide the mesh, find the stable step, then advance from saved state to saved state. The
+scheme is central differences advanced by increments of displacement (docs/solver.md).
+"""
+
+from __future__ import annotations
+
+import math
+import time as clock
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+from simulator import assembly, checkpoint, kernels, timestep
+from simulator.errors import InputError
+from simulator.model import Model
+from simulator.motion import ENERGIES, Motion, Stop
+from simulator.partition import Partition, partition
+from simulator.stability import check_supports, diagnose
+from simulator.threads import ThreadChoice
+
+SAFETY = 0.9  # of the stable step of the undeformed mesh, for dt "auto"
+BLOCK = 512  # steps whose load factors are worked out together
+SAVED_STATES = 100  # where neither the caller nor the model says
+ENERGY_TOLERANCE = 1.1  # kinetic and damped energy over the external work, above which a run is unstable
+ENERGY_FLOOR = 1e-10  # of the modulus times the volume of the body: below, energies are rounding error
+RESIDUAL_TOLERANCE = 0.05  # of the largest external work, at a saved state
+RESTARTS = 6  # times a run with dt "auto" may go back to the last saved state and halve its step
+
+
+def solve(
+    model: Model,
+    times: Sequence[float] | None = None,
+    *,
+    precision: str | None = None,
+    threads: int | None = None,
+    safety: float = SAFETY,
+    mass_scaling: float = 1.0,
+    lightest_dt_s: float | None = None,
+    checkpoint_path: str | Path | None = None,
+    checkpoint_every_s: float = 60.0,
+    progress: bool = False,
+) -> Motion:
+    """Simulate a model.
+
+    Parameters
+    ----------
+    model : what to simulate
+    times : times of the states to save, s, increasing; None takes those of the model (every `output_every` steps), or
+        100 evenly spaced ones and the start. With a fixed step the nearest whole steps are saved
+    precision : "float32", "float64", or "mixed": elements in float32, displacements and their increments in float64.
+        None takes "mixed", for the table of run time against error in docs/validation.md
+    threads : number of threads; None measures whether a second one pays. The result does not depend on it
+    safety : dt "auto" takes this part of the stable step
+    mass_scaling : factor on all densities, for quasi-static motion
+    lightest_dt_s : add mass to the elements that alone would need a smaller step than this, s
+    checkpoint_path : file that is written every `checkpoint_every_s` seconds of work, and when the run is interrupted;
+        a run that finds it goes on from there and ends in the same bits as one that was never interrupted
+    progress : show a progress bar with the time left
+
+    Returns
+    -------
+    Motion with the states reached; `stopped` says why a run ended early
+
+    Raises
+    ------
+    InputError : a setting out of range, a body free to move without deforming, NaN in a load, another run's checkpoint
+    """
+    precision = precision or "mixed"
+    _check_settings(precision, threads, safety, mass_scaling)
+    check_supports(model)
+    run = _Run(model, times, precision, safety, mass_scaling, lightest_dt_s)
+    choice = ThreadChoice(threads, parts=len(run.parts.node_starts) - 1)
+    if checkpoint_path is not None:
+        run.resume(checkpoint_path)
+    saved_at = clock.monotonic()
+    bar = tqdm(total=model.duration_s, unit="s", disable=not progress, initial=run.time, bar_format=_BAR)
+    try:
+        with ThreadPoolExecutor(choice.most) as pool, bar:
+            while not run.finished:
+                run.advance(choice, pool)
+                bar.update(run.time - bar.n)
+                if checkpoint_path is not None and clock.monotonic() - saved_at >= checkpoint_every_s:
+                    run.save(checkpoint_path)
+                    saved_at = clock.monotonic()
+    except KeyboardInterrupt:
+        if checkpoint_path is not None:
+            run.save(checkpoint_path)
+        raise
+    return run.motion()
+
+
+_BAR = "{desc}{percentage:3.0f}%|{bar}| {n:.3f}/{total:.3f} s [{elapsed}<{remaining}]"
+
+
+@dataclass
+class _State:
+    """All that changes from step to step; what a checkpoint holds, and what a restart goes back to.
+
+    arrays : nodal records and loads' memories, in storage order
+    dt, base_s, step : the present time is base_s + step dt
+    frames : saved positions; time_s, energies : rows of the result; energies lag one step behind their state
+    """
+
+    arrays: dict[str, np.ndarray]
+    dt: float
+    base_s: float = 0.0
+    step: int = 0
+    steps: int = 0
+    next_output: int = 0
+    ledger: np.ndarray = field(default_factory=lambda: np.append(np.zeros(kernels.LEDGER - 1), 1.0))
+    time_s: list = field(default_factory=list)
+    frames: list = field(default_factory=list)
+    energies: list = field(default_factory=list)
+
+    def copy(self) -> _State:
+        values = {one.name: getattr(self, one.name) for one in fields(self)}
+        values["arrays"] = {name: array.copy() for name, array in self.arrays.items()}
+        return _State(**{name: value.copy() if hasattr(value, "copy") else value for name, value in values.items()})
+
+    def to_arrays(self) -> dict[str, np.ndarray]:
+        """Everything as arrays, for a file."""
+        values = {one.name: np.asarray(getattr(self, one.name)) for one in fields(self) if one.name != "arrays"}
+        return values | {f"array_{name}": array for name, array in self.arrays.items()}
+
+    @staticmethod
+    def from_arrays(values: dict[str, np.ndarray]) -> _State:
+        """The state that `to_arrays` gave."""
+        arrays = {name.removeprefix("array_"): values[name] for name in values if name.startswith("array_")}
+        numbers = {name: values[name].item() for name in ("dt", "base_s", "step", "steps", "next_output")}
+        lists = {name: list(values[name]) for name in ("time_s", "frames", "energies")}
+        return _State(arrays, ledger=values["ledger"], **numbers, **lists)
+
+
+class _Run:
+    """A simulation under way: the model as arrays, its state, and the steps between two saved states."""
+
+    def __init__(self, model, times, precision, safety, mass_scaling, lightest_dt_s):
+        self.model, self.precision, self.safety = model, precision, safety
+        factors = np.full(len(model.elements), float(mass_scaling))
+        if lightest_dt_s is not None:
+            factors *= timestep.mass_factors(model, lightest_dt_s / math.sqrt(mass_scaling))
+        self.mass = assembly.masses(model, factors)
+        self.parts: Partition = partition(model.elements, assembly.laws(model), len(model.nodes))
+        fixed, moved = assembly.constrained(model)
+        self.auto = model.dt_s == "auto"
+        self.stable_dt = timestep.stable_step(model, self.mass, ~(fixed | moved)) if self.auto else math.nan
+        self.limit = min(self.safety * self.stable_dt, model.duration_s) if self.auto else model.dt_s
+        self.times = _output_times(model, times, self.limit)
+        self.loads, self.curves, self.gravities = assembly.load_arrays(model, self.parts, self.mass)
+        self.energy_arrays = assembly.energy_arrays(model)
+        volume = assembly.geometry.volumes(model.nodes, model.elements)
+        modulus = np.array([material.wave_modulus_pa for material in model.materials])[model.material_of]
+        self.floor = ENERGY_FLOOR * float(volume @ modulus)
+        self.added_mass = float(self.mass.sum() / assembly.masses(model).sum() - 1)
+        self.stop: Stop | None = None
+        self.restarts = 0
+        self.residual_tolerance = RESIDUAL_TOLERANCE
+        self._table_of = None
+        dt = self.limit
+        self._build(dt)
+        self.state = _State(self._live_arrays(), dt)
+        self.last_good = None
+        self._step_for_interval()
+        self._save_due()
+        if self.auto:
+            self.last_good = self.state.copy()
+
+    # -- arrays that depend on the step --
+
+    def _build(self, dt: float) -> None:
+        of_elements = assembly.PRECISIONS[self.precision][0]
+        self.elements = assembly.element_arrays(self.model, self.parts, of_elements, dt)
+        self.nodes = assembly.node_arrays(self.model, self.parts, self.precision, dt, self.mass)
+        half = self.model.damping * dt / 2
+        self.scheme = ((1 - half) / (1 + half), self.model.damping, dt, ENERGY_TOLERANCE, self.floor)
+
+    def _live_arrays(self) -> dict[str, np.ndarray]:
+        """The arrays that a step changes, by name; forces are 0 between steps."""
+        return {
+            "u": self.nodes.u,
+            "du": self.nodes.du,
+            "seen": self.nodes.seen,
+            "history": self.elements.history,
+            "reaction": self.loads.reaction,
+            "face_force": self.loads.face_force,
+        }
+
+    def load_state(self, state: _State) -> None:
+        """Take over a state of this run, from a checkpoint or from before a restart."""
+        self._build(state.dt)
+        live = self._live_arrays()
+        for name, array in state.arrays.items():
+            live[name][:] = array
+        self.nodes.forces[:] = 0
+        self.state = state.copy()
+        self.state.arrays = live
+        self._table_of = None
+
+    def save(self, path: str | Path) -> None:
+        """Write a checkpoint."""
+        extra = {"limit": np.array(self.limit), "restarts": np.array(self.restarts)}
+        good = {} if self.last_good is None else {f"good_{k}": v for k, v in self.last_good.to_arrays().items()}
+        checkpoint.save(path, self._fingerprint(), self.state.to_arrays() | extra | good)
+
+    def resume(self, path: str | Path) -> None:
+        """Go on from the checkpoint at `path`, if there is one."""
+        arrays = checkpoint.load(path, self._fingerprint())
+        if arrays is None:
+            return
+        self.limit, self.restarts = arrays["limit"].item(), arrays["restarts"].item()
+        good = {name.removeprefix("good_"): array for name, array in arrays.items() if name.startswith("good_")}
+        self.last_good = _State.from_arrays(good) if good else None
+        self.load_state(_State.from_arrays(arrays))
+
+    def _fingerprint(self) -> str:
+        settings = (self.precision, self.safety, self.times.tolist(), self.mass.tolist())
+        return checkpoint.fingerprint(self.model, settings)
+
+    def _change_step(self, dt: float) -> None:
+        """Go on from the present state with another step: velocities stay."""
+        state = self.state
+        ratio = dt / state.dt
+        state.arrays["du"] *= ratio
+        state.ledger[3:5] *= ratio**2
+        state.ledger[5:8] *= ratio
+        state.ledger[8] /= ratio
+        kept = {name: array.copy() for name, array in state.arrays.items()}
+        terms = self.elements.terms
+        self._build(dt)
+        fresh = self.elements.history.copy()
+        state.base_s, state.step, state.dt = self.time, 0, dt
+        state.arrays = self._live_arrays()
+        for name, array in kept.items():
+            state.arrays[name][:] = array
+        if terms:  # the factors of the viscous terms follow the step, their stresses stay
+            lanes = assembly.LANES[fresh.dtype]
+            shape = (-1, terms, kernels.HISTORY, lanes)
+            self.elements.history.reshape(shape)[:, :, :3] = fresh.reshape(shape)[:, :, :3]
+        self._table_of = None
+
+    # -- time --
+
+    @property
+    def time(self) -> float:
+        return self.state.base_s + self.state.step * self.state.dt
+
+    @property
+    def finished(self) -> bool:
+        return self.stop is not None or (
+            self.state.next_output >= len(self.times) and len(self.state.energies) == len(self.state.time_s)
+        )
+
+    def _output_step(self) -> int:
+        """Step, counted from the base time, of the next state to save."""
+        return round((self.times[self.state.next_output] - self.state.base_s) / self.state.dt)
+
+    def _step_for_interval(self) -> None:
+        """With dt "auto": a step that ends on the next saved time and is stable as the elements now are."""
+        state = self.state
+        if not self.auto or state.next_output >= len(self.times):
+            return
+        interval = self.times[state.next_output] - self.time
+        if interval <= 0:
+            return
+        limit = self.limit / self._stiffening()
+        dt = interval / math.ceil(interval / limit - 1e-9)
+        if not limit / 2 < state.dt <= limit or abs(interval / state.dt - round(interval / state.dt)) > 1e-6:
+            self._change_step(dt)
+
+    def _stiffening(self) -> float:
+        """How much faster than at rest waves cross the most squeezed element, 1 or more."""
+        elements, D = self.energy_arrays[:2]
+        return kernels.largest_area_stretch(elements, D, self._stored("u"))
+
+    # -- steps --
+
+    def advance(self, choice: ThreadChoice, pool: ThreadPoolExecutor) -> None:
+        """Do a stretch of steps: to the next saved state, the end of a block of load factors, or a blow-up."""
+        state = self.state
+        curves, gravity = self._load_table(state.step // BLOCK)
+        column = state.step % BLOCK + 1
+        steps = BLOCK - state.step % BLOCK
+        # After the last saved state one more step makes its energies known.
+        steps = min(steps, self._output_step() - state.step) if state.next_output < len(self.times) else 1
+        count, steps = choice.next(steps)
+        log = np.empty((kernels.LOG_ROWS, steps))
+        reason, done = self._steps(pool, count, curves, gravity, column, steps, log)
+        state.step += done
+        state.steps += done
+        choice.report(count, done)
+        if reason == kernels.DONE and len(state.energies) < len(state.time_s):
+            reason = self._close_energies(log[:, 0])
+        if reason != kernels.DONE:
+            self._give_up(reason)
+            return
+        self._save_due()
+
+    def _steps(self, pool, count, curves, gravity, column, steps, log) -> tuple[int, int]:
+        arrived, stats = np.zeros(1, np.int64), np.zeros((2, len(self.parts.node_starts) - 1, kernels.STATS))
+        common = (arrived, self.scheme, self.state.ledger, log, stats)
+
+        def run(thread):
+            return kernels.advance(
+                self.elements, self.nodes, self.loads, curves, gravity, column, steps, thread, count, *common
+            )
+
+        others = [pool.submit(run, thread) for thread in range(1, count)]
+        result = run(0)
+        for other in others:
+            other.result()
+        return result
+
+    def _load_table(self, block: int) -> tuple[np.ndarray, np.ndarray]:
+        """Load factors (curves, BLOCK + 2) and gravity (BLOCK + 2, 8) from a step before the block to one after."""
+        if self._table_of != block:
+            state = self.state
+            t = state.base_s + state.dt * np.arange(block * BLOCK - 1, (block + 1) * BLOCK + 1)
+            t[t < 0] = 0.0
+            factors = np.array([np.broadcast_to(curve.value(t), t.shape) for curve in self.curves], dtype=float)
+            factors = factors.reshape(len(self.curves), len(t))
+            if not np.isfinite(factors).all():
+                number, column = np.argwhere(~np.isfinite(factors))[0]
+                raise InputError(
+                    f"expected finite load factors, got {factors[number, column]} at {t[column]:.6g} s from "
+                    f"{self.curves[number]}; correct the curve"
+                )
+            gravity = np.zeros((len(t), 8))
+            for number, vector in self.gravities:
+                gravity[:, :3] += factors[number, :, None] * vector
+                gravity[:, 4:7] = gravity[:, :3]
+            self._table, self._table_of = (factors, gravity), block
+        return self._table
+
+    # -- saved states --
+
+    def _stored(self, name: str) -> np.ndarray:
+        """(N, 3) nodal records "u" or "du", m, in the order of the model's nodes."""
+        values = np.empty_like(self.model.nodes)
+        values[self.parts.nodes] = self.state.arrays[name][: len(values), :3]
+        return values
+
+    def _save_due(self) -> None:
+        """Save the present state if its time has come."""
+        state = self.state
+        if state.next_output >= len(self.times) or self._output_step() > state.step:
+            return
+        u = self._stored("u")
+        state.time_s.append(self.time)
+        state.frames.append(self.model.nodes + u)
+        if state.step == 0 and state.base_s == 0:
+            state.energies.append((0.0,) * len(ENERGIES))  # at rest
+        state.next_output += 1
+        while state.next_output < len(self.times) and self._output_step() <= state.step:
+            state.next_output += 1  # times closer together than a step
+        self._step_for_interval()
+
+    def _close_energies(self, logged: np.ndarray) -> int:
+        """Complete the ledger of the last saved state, whose velocity the step after it made known."""
+        state = self.state
+        elastic, hourglass = kernels.strain_energies(*self.energy_arrays, state.frames[-1] - self.model.nodes)
+        kinetic, damping, external = (
+            logged[kernels.LOG_KINETIC],
+            logged[kernels.LOG_DAMPING],
+            logged[kernels.LOG_EXTERNAL],
+        )
+        residual = kinetic + elastic + hourglass + damping - external
+        state.energies.append((kinetic, elastic, hourglass, damping, external, residual))
+        most = max(state.ledger[2], self.floor)
+        tolerance = self.residual_tolerance * most + self.floor
+        if self._conservative and not abs(residual) <= tolerance:
+            return kernels.ENERGY_GREW
+        if self.auto:
+            self.last_good = state.copy()
+        return kernels.DONE
+
+    @property
+    def _conservative(self) -> bool:
+        """Whether the elements' forces derive from the energy that the ledger adds up."""
+        return self.elements.terms == 0 and self.model.element_type != "T4ANP"
+
+    def _give_up(self, reason: int) -> None:
+        """End the run, or with dt "auto" go back to the last good state and halve the step."""
+        if self.auto and self.restarts < RESTARTS and self.last_good is not None:
+            self.restarts += 1
+            self.limit /= 2
+            self.load_state(self.last_good)
+            self._change_step(self.state.dt / 2)
+            return
+        u, du = self._stored("u"), self._stored("du")
+        self.stop = diagnose(self.model, self.mass, u, du, self.time, self.state.dt, reason)
+        keep = len(self.state.energies)
+        del self.state.time_s[keep:], self.state.frames[keep:]
+
+    def motion(self) -> Motion:
+        state = self.state
+        return Motion(
+            time_s=np.array(state.time_s),
+            positions=np.array(state.frames).reshape(-1, *self.model.nodes.shape),
+            nodes=self.model.nodes,
+            energies={name: np.array([row[i] for row in state.energies]) for i, name in enumerate(ENERGIES)},
+            dt_s=state.dt,
+            steps=state.steps,
+            stopped=self.stop,
+            settings={
+                "precision": self.precision,
+                "safety": self.safety,
+                "stable_dt_s": None if math.isnan(self.stable_dt) else self.stable_dt,
+                "added_mass": self.added_mass,
+                "restarts": self.restarts,
+            },
+        )
+
+
+def _output_times(model: Model, times: Sequence[float] | None, dt: float) -> np.ndarray:
+    """Times to save, s."""
+    if times is None and model.output_every is not None and model.dt_s != "auto":
+        return np.arange(0, round(model.duration_s / dt) + 1, model.output_every) * dt
+    if times is None:
+        return np.linspace(0, model.duration_s, SAVED_STATES + 1)
+    times = np.array(times, dtype=float)
+    if (
+        times.ndim != 1
+        or not len(times)
+        or not (np.diff(times) > 0).all()
+        or not (0 <= times[0] <= times[-1] < math.inf)
+    ):
+        raise InputError(f"expected increasing times of 0 s or more, got {times.tolist() if times.size < 9 else times}")
+    return times
+
+
+def _check_settings(precision: str, threads: int | None, safety: float, mass_scaling: float) -> None:
+    faults = []
+    if precision not in assembly.PRECISIONS:
+        faults.append(f"precision of {', '.join(assembly.PRECISIONS)}, got {precision!r}")
+    if threads is not None and threads < 1:
+        faults.append(f"threads of 1 or more, got {threads}")
+    if not 0 < safety <= 1:
+        faults.append(f"safety above 0 and at most 1, got {safety}")
+    if not 0 < mass_scaling < math.inf:
+        faults.append(f"mass_scaling above 0, got {mass_scaling}")
+    if faults:
+        raise InputError("expected " + "; ".join(faults))

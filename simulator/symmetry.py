@@ -1,0 +1,153 @@
+"""Half of a mirror-symmetric model, and the whole motion from that of the half.
+
+The half is held against motion across the plane of symmetry, which is all that the other half did to it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from simulator.errors import InputError
+from simulator.model import Displacement, Fixed, Force, Gravity, Model, Pressure
+from simulator.motion import Motion
+
+_TOLERANCE = 1e-6  # of the size of the body
+
+
+@dataclass(frozen=True, eq=False)
+class Half:
+    """One half of a model.
+
+    Parameters
+    ----------
+    model : the half on the positive side of the plane
+    kept : (n,) number in the whole model of each node of the half
+    axis : the plane is at right angles to it
+    partner : (N,) for each node of the whole its mirror image
+    """
+
+    model: Model
+    kept: np.ndarray
+    axis: int
+    partner: np.ndarray
+    whole: np.ndarray
+
+    def mirrored(self, motion: Motion) -> Motion:
+        """The motion of the whole model; energies are those of both halves."""
+        u = np.zeros((len(motion.time_s), *self.whole.shape))
+        flip = np.ones(3)
+        flip[self.axis] = -1
+        u[:, self.partner[self.kept]] = motion.displacements * flip
+        u[:, self.kept] = motion.displacements
+        return dataclasses.replace(
+            motion,
+            positions=self.whole + u,
+            nodes=self.whole,
+            energies={name: 2 * values for name, values in motion.energies.items()},
+        )
+
+
+def half(model: Model, axis: int = 0, at_m: float = 0.0) -> Half:
+    """Cut a mirror-symmetric model in two at the plane where coordinate `axis` is `at_m`, m.
+
+    Raises
+    ------
+    InputError : a mesh, a material or a load that is not symmetric, or an element that the plane would cut
+    """
+    X = model.nodes
+    tolerance = _TOLERANCE * np.ptp(X, axis=0).max()
+    image = X.copy()
+    image[:, axis] = 2 * at_m - image[:, axis]
+    partner = _partners(model, image, tolerance, axis, at_m)
+    side = X[model.elements][:, :, axis] - at_m
+    right, left = (side > -tolerance).all(axis=1), (side < tolerance).all(axis=1)
+    if not (right | left).all():
+        raise InputError(
+            f"expected no element across the plane of symmetry, got element {int(np.argmin(right | left))}; "
+            "use an even number of elements across it"
+        )
+    _check_elements(model, partner, right, left)
+    kept = np.unique(model.elements[right])
+    number = np.full(len(X), -1)
+    number[kept] = np.arange(len(kept))
+    on_plane = np.abs(X[kept, axis] - at_m) <= tolerance
+    loads = [_half_load(load, number, partner, axis, np.abs(X[:, axis] - at_m) <= tolerance) for load in model.loads]
+    plane = Fixed(np.flatnonzero(on_plane), (axis,))
+    part = dataclasses.replace(
+        model,
+        nodes=X[kept],
+        elements=number[model.elements[right]],
+        material_of=model.material_of[right],
+        loads=(plane, *(load for load in loads if load is not None)),
+    )
+    return Half(part, kept, axis, partner, X)
+
+
+def _partners(model: Model, image: np.ndarray, tolerance: float, axis: int, at_m: float) -> np.ndarray:
+    """(N,) node at each node's mirror image; where nodes share a place, by their elements."""
+    tree = cKDTree(model.nodes)
+    distance, partner = tree.query(image)
+    if (distance > tolerance).any():
+        node = int(np.argmax(distance))
+        raise InputError(
+            f"expected a mirror-symmetric mesh, got node {node} without a mirror image; solve the whole model"
+        )
+    # Nodes doubled along a slit are told apart by the centre of their elements.
+    n = model.elements.shape[1]
+    centre = np.zeros_like(model.nodes)
+    np.add.at(centre, model.elements.ravel(), np.repeat(model.nodes[model.elements].mean(axis=1), n, axis=0))
+    centre /= np.bincount(model.elements.ravel())[:, None]
+    mirrored = centre.copy()
+    mirrored[:, axis] = 2 * at_m - mirrored[:, axis]
+    for node in np.flatnonzero(np.abs(centre[partner] - mirrored).max(axis=1) > tolerance):
+        near = np.array(tree.query_ball_point(image[node], tolerance))
+        partner[node] = near[np.argmin(np.abs(centre[near] - mirrored[node]).max(axis=1))]
+    return partner
+
+
+def _check_elements(model: Model, partner: np.ndarray, right: np.ndarray, left: np.ndarray) -> None:
+    own = {tuple(sorted(e)): m for e, m in zip(model.elements[left].tolist(), model.material_of[left], strict=True)}
+    for e in np.flatnonzero(right):
+        if own.get(tuple(sorted(partner[model.elements[e]].tolist()))) != model.material_of[e]:
+            raise InputError(
+                f"expected a mirror-symmetric mesh, got element {e} whose image is missing or of another material; "
+                "solve the whole model"
+            )
+
+
+def _half_load(load, number: np.ndarray, partner: np.ndarray, axis: int, on_plane: np.ndarray):
+    """The load on the kept nodes, renumbered, or None; on the plane the half takes half of each nodal force."""
+    name = type(load).__name__
+    if isinstance(load, Pressure):
+        faces = {tuple(sorted(face)) for face in load.faces.tolist()}
+        if any(tuple(sorted(partner[list(face)].tolist())) not in faces for face in load.faces.tolist()):
+            raise InputError(f"expected mirror-symmetric faces in {name}, got others; solve the whole model")
+        kept = (number[load.faces] >= 0).all(axis=1)
+        return dataclasses.replace(load, faces=number[load.faces[kept]]) if kept.any() else None
+    if isinstance(load, Gravity) and load.nodes is None:
+        if load.direction[axis] != 0:
+            raise InputError("expected Gravity along the plane of symmetry, got one across it; solve the whole model")
+        return load
+    sign, values = 1.0, np.ones(len(load.nodes))
+    if isinstance(load, Force | Displacement):
+        values = load.magnitudes_n if isinstance(load, Force) else load.magnitudes_m
+        sign = -1.0 if load.axis == axis else 1.0
+    of_node = dict(zip(load.nodes.tolist(), values.tolist(), strict=True))
+    for node, value in of_node.items():
+        if not np.isclose(of_node.get(int(partner[node]), np.nan), sign * value, rtol=1e-9, atol=0):
+            raise InputError(
+                f"expected a mirror-symmetric {name}, got node {node} without its equal; solve the whole model"
+            )
+    kept = number[load.nodes] >= 0
+    if not kept.any():
+        return None
+    changed = {"nodes": number[load.nodes[kept]]}
+    if isinstance(load, Force):
+        changed["magnitudes_n"] = np.where(on_plane[load.nodes], 0.5, 1.0)[kept] * values[kept]
+    if isinstance(load, Displacement):
+        changed["magnitudes_m"] = values[kept]
+    return dataclasses.replace(load, **changed)

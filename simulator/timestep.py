@@ -1,0 +1,165 @@
+"""The largest stable time step of a mesh, and masses scaled to raise it.
+
+Central differences are stable up to dt = 2 / omega_max, with omega_max^2 the largest eigenvalue of M^-1 K. K is that of
+the undeformed mesh, hourglass stiffness and nodal averaging included; damping by mass does not lower the limit.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy import sparse
+from scipy.linalg import eigh_tridiagonal
+
+from simulator import elements as geometry
+from simulator.model import Model
+
+LANCZOS_STEPS = 24, 80  # at least, lest it settles on a smaller eigenvalue, and at most
+LANCZOS_TOLERANCE = 0.01  # of the eigenvalue; the step is half as sensitive
+
+
+def stable_step(model: Model, mass: np.ndarray, free: np.ndarray | None = None) -> float:
+    """Largest stable time step of the undeformed mesh, s, from the assembled mesh.
+
+    The largest eigenvalue of M^-1/2 K M^-1/2 over the free degrees of freedom comes from Lanczos iteration, with K
+    applied as B^T C B, never formed. To the Ritz value, which is approached from below, its residual is added, so that
+    the step errs to the small side.
+
+    Parameters
+    ----------
+    mass : (N,) kg
+    free : (N, 3) bool, False where a node is held or prescribed; None takes all
+    """
+    roots = np.repeat(1 / np.sqrt(mass), 3)
+    if free is not None:
+        roots = roots * free.ravel()
+    if not roots.any():
+        return math.inf
+    stiffness = _stiffness(model)
+    now = np.random.default_rng(0).standard_normal(len(roots)) * (roots > 0)
+    now /= np.linalg.norm(now)
+    before, beta = np.zeros_like(now), 0.0
+    diagonal, beside = [], []
+    for step in range(min(LANCZOS_STEPS[1], np.count_nonzero(roots))):
+        image = roots * stiffness(roots * now) - beta * before
+        diagonal.append(now @ image)
+        image -= diagonal[-1] * now
+        beta = np.linalg.norm(image)
+        values, vectors = eigh_tridiagonal(np.array(diagonal), np.array(beside))
+        largest = values[-1]
+        residual = beta * abs(vectors[-1, -1])
+        if (step + 1 >= LANCZOS_STEPS[0] and residual <= LANCZOS_TOLERANCE * largest) or beta <= 1e-12 * largest:
+            break
+        before, now = now, image / beta
+        beside.append(beta)
+    return 2 / math.sqrt(largest + residual)
+
+
+def _stiffness(model: Model):
+    """Function v (3N,) -> K v of the undeformed mesh."""
+    nodes, elements = model.nodes, model.elements
+    n_elements, n = elements.shape
+    shear, bulk, wave = _moduli(model)
+    V = geometry.signed_volumes(nodes, elements)
+    B = geometry.shape_gradients(nodes, elements)
+    rows = np.arange(3 * n_elements + 1) * n
+    # (3E, N): row 3e + j takes the derivative along X_j in element e.
+    gradient = sparse.csr_array(
+        (B.transpose(0, 2, 1).ravel(), np.repeat(elements, 3, axis=0).ravel(), rows), shape=(3 * n_elements, len(nodes))
+    )
+    gradient_T = gradient.T.tocsr()
+    averaged = _averaging(model) if model.element_type == "T4ANP" else None
+    if model.element_type == "H8":
+        gamma = geometry.hourglass_vectors(nodes, elements).transpose(0, 2, 1)
+        k = np.repeat(geometry.hourglass_stiffness(nodes, elements, wave, model.hourglass), 4)[:, None]
+        modes = sparse.csr_array(
+            (gamma.ravel(), np.repeat(elements, 4, axis=0).ravel(), np.arange(4 * n_elements + 1) * n),
+            shape=(4 * n_elements, len(nodes)),
+        )
+        modes_T = modes.T.tocsr()
+
+    def apply(v):
+        u = v.reshape(-1, 3)
+        H = (gradient @ u).reshape(n_elements, 3, 3)  # [e, j, i] = du_i / dX_j
+        trace = np.einsum("eii->e", H)
+        stress = shear[:, None, None] * (H + H.transpose(0, 2, 1))
+        volumetric = bulk * (trace if averaged is None else averaged @ trace) - 2 / 3 * shear * trace
+        stress[:, range(3), range(3)] += volumetric[:, None]
+        f = gradient_T @ (V[:, None, None] * stress).reshape(-1, 3)
+        if model.element_type == "H8":
+            f += modes_T @ (k * (modes @ u))
+        return f.ravel()
+
+    return apply
+
+
+def _averaging(model: Model) -> sparse.csr_array:
+    """(E, E): volume change of the elements -> the mean over each one's nodes of the averages at these nodes.
+
+    With materials of different bulk modulus it is the pressure that is averaged: K^-1 A K.
+    """
+    n_elements = len(model.elements)
+    V = geometry.volumes(model.nodes, model.elements)
+    bulk = _moduli(model)[1]
+    incidence = sparse.csr_array(
+        (np.ones(model.elements.size), model.elements.ravel(), np.arange(n_elements + 1) * 4),
+        shape=(n_elements, len(model.nodes)),
+    )
+    at_node = incidence.T @ V
+    return sparse.csr_array(
+        sparse.diags_array(0.25 / bulk)
+        @ incidence
+        @ sparse.diags_array(1 / at_node)
+        @ incidence.T
+        @ sparse.diags_array(V * bulk)
+    )
+
+
+def element_steps(model: Model, density: np.ndarray | None = None) -> np.ndarray:
+    """(E,) s: stable step of each element by itself. The smallest is a lower bound of `stable_step`.
+
+    Per element the nonzero eigenvalues of M_e^-1 K_e are those of (n/m) V C^1/2 B B^T C^1/2 (6 x 6) and of the
+    hourglass stiffness (n/m) k gamma^T gamma (4 x 4), with m the element's mass.
+
+    density : (E,) kg/m3; None takes that of the materials
+    """
+    nodes, elements = model.nodes, model.elements
+    n = elements.shape[1]
+    shear, bulk, wave = _moduli(model)
+    if density is None:
+        density = np.array([material.density for material in model.materials])[model.material_of]
+    B = geometry.shape_gradients(nodes, elements)
+    strain = np.zeros((len(elements), 6, n, 3))  # xx yy zz xy yz zx, shear strains divided by sqrt 2
+    for i in range(3):
+        j = (i + 1) % 3
+        strain[:, i, :, i] = B[:, :, i]
+        strain[:, 3 + i, :, i] = B[:, :, j] / np.sqrt(2)
+        strain[:, 3 + i, :, j] = B[:, :, i] / np.sqrt(2)
+    strain = strain.reshape(len(elements), 6, 3 * n)
+    # C^1/2 = sqrt(2 G) (I - d) + sqrt(3 K) d, with d the projection on the volumetric strain.
+    d = np.zeros((6, 6))
+    d[:3, :3] = 1 / 3
+    root = np.sqrt(2 * shear)[:, None, None] * (np.eye(6) - d) + np.sqrt(3 * bulk)[:, None, None] * d
+    scaled = root @ strain
+    V = geometry.signed_volumes(nodes, elements)
+    stiffest = V * np.linalg.eigvalsh(scaled @ scaled.transpose(0, 2, 1))[:, -1]
+    if model.element_type == "H8":
+        gamma = geometry.hourglass_vectors(nodes, elements)
+        k = geometry.hourglass_stiffness(nodes, elements, wave, model.hourglass)
+        stiffest = np.maximum(stiffest, k * np.linalg.eigvalsh(gamma.transpose(0, 2, 1) @ gamma)[:, -1])
+    nodal_mass = density * geometry.volumes(nodes, elements) / n
+    return 2 / np.sqrt(stiffest / nodal_mass)
+
+
+def mass_factors(model: Model, dt_s: float) -> np.ndarray:
+    """(E,) factors, 1 or more, by which the mass of each element must grow for `dt_s` (s) to be stable in it."""
+    return np.maximum(1.0, (dt_s / element_steps(model)) ** 2)
+
+
+def _moduli(model: Model) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Shear, bulk and wave modulus of each element, (E,) Pa."""
+    return tuple(
+        np.array([getattr(material, name) for material in model.materials])[model.material_of]
+        for name in ("shear_pa", "bulk_pa", "wave_modulus_pa")
+    )

@@ -1,0 +1,153 @@
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from simulator import assembly, cli
+from simulator.export import load_motion
+
+MODEL = """<Model>
+  <Nodes DOF="3" NumNodes="8">
+0 0 0  1 0 0  1 1 0  0 1 0
+0 0 1  1 0 1  1 1 1  0 1 1
+  </Nodes>
+  <Elements NumEls="1" Type="H8">0 1 2 3 4 5 6 7</Elements>
+  <ElementSet Size="all">
+    <Material Type="NH"><ElasticParams NumParams="2">800 7000</ElasticParams></Material>0</ElementSet>
+  <Constraint Type="Fix" DOF="all" NumNodes="4"><Nodes>0</Nodes></Constraint>
+  <Constraint Type="Disp" DOF="2" NumNodes="4" LoadShape="POLY345">
+    <Nodes>4</Nodes><Magnitudes Type="UNIFORM">0.25</Magnitudes>
+  </Constraint>
+  <SystemParams>
+    <TimeStep>0.01</TimeStep><TotalTime>1</TotalTime>
+    <DampingCoeff>5</DampingCoeff><HGKappa>0.08</HGKappa><Density>1000</Density>
+  </SystemParams>
+  <Output Freq="20"><Variable>U</Variable></Output>
+</Model>
+"""
+
+
+@pytest.fixture
+def model(tmp_path):
+    path = tmp_path / "cube.xml"
+    path.write_text(MODEL)
+    return path
+
+
+@pytest.fixture
+def run(tmp_path, capsys):
+    def run(*arguments):
+        try:
+            code = cli.main([*map(str, arguments), "--threads", "1", "-o", str(tmp_path / "out")])
+        except SystemExit as stop:
+            code = stop.code
+        captured = capsys.readouterr()
+        return code, captured.out, captured.err
+
+    return run
+
+
+def test_a_model_to_its_files(run, model, tmp_path):
+    code, out, err = run(model, "--vtu")
+    assert (code, err) == (0, "")
+    assert "1 H8 elements, 1" in out and "largest displacement 0.25 m" in out and "cube.h5" in out
+    names = sorted(path.relative_to(tmp_path / "out").as_posix() for path in (tmp_path / "out").rglob("*.*"))
+    states = [f"cube_vtu/cube_{frame:05d}.vtu" for frame in range(6)]
+    assert names == ["cube.energy.csv", "cube.h5", "cube.pvd", *states]
+    motion = load_motion(tmp_path / "out" / "cube.h5")
+    np.testing.assert_allclose(motion.time_s, [0, 0.2, 0.4, 0.6, 0.8, 1], atol=1e-9)
+    r = motion.time_s
+    expected = 0.25 * (10 * r**3 - 15 * r**4 + 6 * r**5)
+    np.testing.assert_allclose(motion.displacements[:, 4, 2], expected, atol=1e-6)
+
+
+def test_summary_for_machines(run, model):
+    code, out, _ = run(model, "--json", "--precision", "mixed")
+    summary = json.loads(out)
+    assert code == 0 and summary["command"] == "simulate" and summary["failed"] == []
+    (one,) = summary["models"]
+    assert one["source"] == str(model) and len(one["files"]) == 2
+    assert (one["element_type"], one["elements"], one["nodes"], one["states"]) == ("H8", 1, 8, 6)
+    assert one["dt_s"] == 0.01 and one["stopped"] is None
+    assert one["largest_displacement_m"] == pytest.approx(0.25)
+    assert abs(one["energy_residual_j"]) < 0.01 * one["work_j"]
+
+
+def test_the_step_can_be_chosen(run, model):
+    _, out, _ = run(model, "--json", "--dt", "0.005")
+    one = json.loads(out)["models"][0]
+    assert one["dt_s"] == 0.005 and one["states"] == 6  # at the times of the file
+    _, out, _ = run(model, "--json", "--dt", "auto")
+    one = json.loads(out)["models"][0]
+    assert one["dt_s"] not in (0.01, 0.005) and one["states"] == 6
+
+
+@pytest.mark.parametrize("every, times", [(30, [0, 0.3, 0.6, 0.9, 1]), (500, [0, 1]), (100, [0, 1])])
+def test_the_end_is_always_reached(run, model, tmp_path, every, times):
+    model.write_text(MODEL.replace('Freq="20"', f'Freq="{every}"'))
+    assert run(model)[0] == 0
+    np.testing.assert_allclose(load_motion(tmp_path / "out" / "cube.h5").time_s, times, atol=1e-9)
+
+
+def test_a_bad_file_among_good_ones(run, model, tmp_path):
+    bad = tmp_path / "bad.xml"
+    bad.write_text(MODEL.replace("<Nodes>4<", "<Nodes>5<"))
+    code, out, err = run(bad, model)
+    assert code == 3 and "1 of 2 models run" in out
+    assert err.count("\n") == 1 and "bad.xml, line 11: expected node numbers from 0 to 7" in err
+    code, out, _ = run(bad, model, "--json")
+    summary = json.loads(out)
+    assert code == 3 and summary["failed"][0]["source"] == str(bad) and len(summary["models"]) == 1
+
+
+@pytest.mark.parametrize(
+    "arguments, message",
+    [
+        (["none.xml"], "none.xml: No such file"),
+        (["cube.xml", "--dt", "0"], "expected a time step above 0 s such as 1e-4, or auto, got '0'"),
+        (["cube.xml", "--dt", "nan"], "got 'nan'"),
+        (["cube.xml", "--threads=0"], "expected a whole number of at least 1, got '0'"),
+        (["cube.xml", "--precision", "float16"], "invalid choice: 'float16'"),
+        (["cube.xml", "a/cube.xml"], "got 2 named 'cube'"),
+        ([], "the following arguments are required: MODEL"),
+    ],
+)
+def test_bad_arguments_are_one_line(run, model, monkeypatch, arguments, message):
+    monkeypatch.chdir(model.parent)
+    code, out, err = run(*arguments)
+    assert code == 2 and out == "" and message in err and err.count("\n") == 1
+
+
+def test_a_folder_that_cannot_be_written(run, model, tmp_path):
+    (tmp_path / "out").write_text("a file")
+    code, _, err = run(model)
+    assert code == 2 and "expected an output folder to write to" in err and err.count("\n") == 1
+
+
+def test_a_body_without_support_names_the_file(run, model):
+    fix = MODEL[MODEL.index("  <Constraint") : MODEL.index("  <SystemParams")]
+    model.write_text(MODEL.replace(fix, ""))
+    code, _, err = run(model)
+    assert code == 2 and str(model) in err and err.count("\n") == 1
+
+
+def test_a_run_that_blows_up_keeps_what_it_has(run, model, tmp_path):
+    text = MODEL.replace("<TimeStep>0.01<", "<TimeStep>0.4<").replace("<TotalTime>1<", "<TotalTime>200<")
+    model.write_text(text.replace("POLY345", "STEP").replace('Type="Disp"', 'Type="Force"').replace('"20"', '"1"'))
+    code, out, err = run(model, "--json")
+    (one,) = json.loads(out)["models"]
+    assert code == 3 and err.count("\n") == 1 and "the states before are kept" in err
+    assert one["stopped"]["time_s"] < 200 and one["states"] >= 1
+    again = load_motion(tmp_path / "out" / "cube.h5")
+    assert again.stopped.cause == one["stopped"]["cause"] and np.isfinite(again.positions).all()
+
+
+def test_precisions_are_those_of_the_solver():
+    assert set(cli.PRECISIONS) == set(assembly.PRECISIONS)
+
+
+def test_help_needs_no_compiler():
+    code = "import sys; from simulator import cli; cli._parser().format_help(); sys.exit('numba' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -1,0 +1,68 @@
+"""Compiled vector operations against their plain numpy forms."""
+
+import numpy as np
+import pytest
+from numba import njit
+
+from simulator import simd
+
+
+@njit
+def exercise(records, starts, sums, values, run):
+    x, y, z, w = simd.gather(records, starts, 0, run)
+    simd.scatter_add(sums, starts, 0, x, y * 2.0 - z / (1.0 + y * y), -z, w)
+    v = simd.load(values, 0)
+    simd.store(values, 0, simd.inverse_cbrt(v))
+    return simd.total(x), simd.lowest(y), simd.lowest(simd.poison_unless_positive(x * 0.0 + 1.0, v - 1.0))
+
+
+@pytest.mark.parametrize("real", [np.float32, np.float64])
+def test_operations_match_numpy(real):
+    rng = np.random.default_rng(0)
+    lanes = simd.LANES[np.dtype(real)]
+    records = rng.random((20, 4)).astype(real)
+    starts = (4 * rng.integers(0, 6, lanes)).astype(np.int32)  # with repeats, which must add up
+    values = rng.uniform(0.2, 3, lanes).astype(real)
+    results = []
+    for function in (exercise, exercise.py_func):
+        sums, own = np.zeros_like(records), values.copy()
+        results.append((function(records, starts, sums, own, 0), sums, own))
+    (one, sums, own), (other, plain_sums, plain_own) = results
+    tolerance = float(8 * np.finfo(real).eps)
+    assert one == pytest.approx(other, rel=tolerance)
+    assert np.allclose(sums, plain_sums, rtol=tolerance, atol=tolerance)
+    assert np.allclose(own, plain_own, rtol=tolerance)
+
+
+@njit
+def both_ways(records, starts, sums, a, b, run):
+    xa, ya, za, _ = simd.gather(records, starts, a, run)
+    xb, yb, zb, _ = simd.gather(records, starts, b, run)
+    simd.scatter_add_line(sums, starts, a, b, run, xa, ya, za, 2.0 * xb, yb, zb)
+
+
+def test_a_run_reads_and_adds_the_same_as_numbers_do():
+    rng = np.random.default_rng(1)
+    records = rng.random((30, 4)).astype(np.float32)
+    places = 4 * (5 + np.array(simd.RUN_ORDER))
+    starts = np.concatenate([places, places + 4]).astype(np.int32)
+    sums = np.zeros((2, 30, 4), np.float32)
+    for run in (0, 1):
+        both_ways(records, starts, sums[run], 0, 8, run)
+    assert np.abs(sums[0]).max() > 1
+    assert np.allclose(sums[0], sums[1], rtol=1e-6)
+
+
+@pytest.mark.parametrize("real", [np.float32, np.float64])
+def test_inverse_cube_root_is_exact_to_rounding(real):
+    x = np.geomspace(1e-3, 1e3, 100_001).astype(real)
+    exact = x.astype(np.longdouble) ** (-np.longdouble(1) / 3)
+    assert np.abs(simd.inverse_cbrt(x) / exact - 1).max() < 2 * np.finfo(real).eps
+
+
+def test_nan_and_negative_volume_ratios_poison_the_lowest():
+    low = np.full(8, 1e30, np.float32)
+    for bad in (np.nan, -0.5, 0.0):
+        value = np.full(8, 0.7, np.float32)
+        value[3] = bad
+        assert simd.poison_unless_positive(low, value).min() <= 0
