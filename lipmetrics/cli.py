@@ -35,8 +35,13 @@ VIDEO_ENDINGS = {
 
 def main(argv: list[str] | None = None) -> int:
     """Run one command line; returns the exit code."""
+    words = sys.argv[1:] if argv is None else list(argv)
+    if words[:1] == ["simulate"]:  # the simulator reads its own words, and is not even imported for other commands
+        from simulator.cli import main as simulate
+
+        return simulate(words[1:], prog="lipmetrics simulate")
     try:
-        arguments = _parser().parse_args(argv)
+        arguments = _parser().parse_args(words)
         return arguments.run(arguments)
     except InputError as error:
         _complain(str(error))
@@ -247,6 +252,7 @@ def _parser() -> argparse.ArgumentParser:
     verbs = parser.add_subparsers(title="commands", required=True, metavar="COMMAND", parser_class=_Parser)
     _add_measure(verbs)
     _add_demo(verbs)
+    verbs.add_parser("simulate", help="run finite element models given in NiftySim's XML", add_help=False)
     return parser
 
 

@@ -1,4 +1,4 @@
-"""Command line of the solver: `python -m simulator.cli model.xml -o out`.
+"""Command line of the solver: `lipmetrics simulate model.xml -o out`, or `python -m simulator.cli ...`.
 
 Exit codes: 0 done, 2 bad arguments or input, 3 some models failed or a run ended early, 130 stopped by Ctrl-C.
 """
@@ -28,10 +28,10 @@ DONE, BAD_INPUT, SOME_FAILED, STOPPED = 0, 2, 3, 130
 PRECISIONS = ("float32", "mixed", "float64")
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Run one command line; returns the exit code."""
+def main(argv: list[str] | None = None, prog: str = "python -m simulator.cli") -> int:
+    """Run one command line, called `prog`; returns the exit code."""
     try:
-        arguments = _parser().parse_args(argv)
+        arguments = _parser(prog).parse_args(argv)
         return run(arguments)
     except InputError as error:
         _complain(str(error))
@@ -196,11 +196,11 @@ class _Parser(argparse.ArgumentParser):
         self.exit(BAD_INPUT, f"{self.prog}: {message}; see '{self.prog} --help'\n")
 
 
-def _parser() -> argparse.ArgumentParser:
+def _parser(prog: str) -> argparse.ArgumentParser:
     parser = _Parser(
-        prog="simulate",
+        prog=prog,
         description="Run models of deformable bodies given in NiftySim's XML.",
-        epilog="example: python -m simulator.cli model.xml -o out --vtu",
+        epilog=f"example: {prog} model.xml -o out --vtu",
     )
     add_arguments(parser)
     return parser

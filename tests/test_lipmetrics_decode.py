@@ -65,7 +65,9 @@ def test_column_scores_are_the_best_of_all_lips():
     above, below = np.empty((8, 4), np.float32), np.empty((8, 4), np.float32)
     begin, end = np.empty((8, 4), np.int16), np.empty((8, 4), np.int16)
     skin_only = np.empty(4, np.float32)
-    column_scores(odds, np.float32(0), d._LOGISTIC, d._LOG_LIP, d._LOG_OPENING, d._LOG_SKIN, above, below, begin, end, skin_only)
+    column_scores(
+        odds, np.float32(0), d._LOGISTIC, d._LOG_LIP, d._LOG_OPENING, d._LOG_SKIN, above, below, begin, end, skin_only
+    )
     mouth, opening, low = 1 / (1 + np.exp(-odds.astype(float)))
     mouth = np.maximum(mouth, opening)
     low = np.maximum(low, 0.02)

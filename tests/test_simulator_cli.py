@@ -5,6 +5,8 @@ import sys
 import numpy as np
 import pytest
 
+import simulator
+from lipmetrics.cli import main as lipmetrics
 from simulator import assembly, cli
 from simulator.export import load_motion
 
@@ -149,5 +151,27 @@ def test_precisions_are_those_of_the_solver():
 
 
 def test_help_needs_no_compiler():
-    code = "import sys; from simulator import cli; cli._parser().format_help(); sys.exit('numba' in sys.modules)"
+    code = (
+        "import sys; from simulator import cli; cli._parser('simulate').format_help(); sys.exit('numba' in sys.modules)"
+    )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_lipmetrics_simulate_is_this_command(model, tmp_path, capsys):
+    assert lipmetrics(["simulate", str(model), "-o", str(tmp_path / "out")]) == 0
+    assert load_motion(tmp_path / "out" / "cube.h5").positions.shape[1:] == (8, 3)
+    capsys.readouterr()
+    assert lipmetrics(["simulate", str(tmp_path / "none.xml"), "-o", str(tmp_path / "out")]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    with pytest.raises(SystemExit) as end:
+        lipmetrics(["simulate", "--help"])
+    assert end.value.code == 0
+    assert "lipmetrics simulate model.xml" in capsys.readouterr().out
+
+
+def test_the_package_offers_its_verbs(model):
+    motion = simulator.solve(simulator.read_niftysim(model), [1.0], threads=1)
+    assert motion.positions[-1, 4, 2] == pytest.approx(1.25, abs=1e-3)
+    assert set(simulator.__all__) <= set(dir(simulator))
+    with pytest.raises(AttributeError, match="nothing"):
+        _ = simulator.nothing
