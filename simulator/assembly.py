@@ -131,10 +131,6 @@ def node_arrays(model: Model, parts: Partition, precision: str, dt: float, mass:
         full[:n_nodes, :3] = values[parts.nodes]
         return full
 
-    fixed, moved = constrained(model)
-    compliance = np.repeat((dt**2 / (1 + model.damping * dt / 2) / mass)[:, None], 3, axis=1)
-    compliance[fixed] = 0.0
-    compliance[moved] = 1.0
     V = np.repeat(geometry.volumes(model.nodes, model.elements), model.elements.shape[1])
     at_node = np.bincount(model.elements.ravel(), V, minlength=n_nodes)
     inverse_volume = np.zeros(records)
@@ -145,12 +141,21 @@ def node_arrays(model: Model, parts: Partition, precision: str, dt: float, mass:
         rest=record(model.nodes, np.float64),
         u=np.zeros((records, 4), of_sums),
         du=np.zeros((records, 4), of_sums),
-        compliance=record(compliance, of_elements),
+        compliance=record(compliances(model, dt, mass), of_elements),
         mass=record(np.repeat(mass[:, None], 3, axis=1), of_elements),
         inverse_volume=inverse_volume,
         starts=parts.node_starts,
         touched=parts.touched,
     )
+
+
+def compliances(model: Model, dt: float, mass: np.ndarray) -> np.ndarray:
+    """(N, 3) dt^2/m / (1 + alpha dt/2), s2/kg; 0 where held and 1 where prescribed, as kernels.Nodes has it."""
+    fixed, moved = constrained(model)
+    values = np.repeat((dt**2 / (1 + model.damping * dt / 2) / mass)[:, None], 3, axis=1)
+    values[fixed] = 0.0
+    values[moved] = 1.0
+    return values
 
 
 def constrained(model: Model) -> tuple[np.ndarray, np.ndarray]:

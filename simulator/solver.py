@@ -177,6 +177,9 @@ class _Run:
         of_elements = assembly.PRECISIONS[self.precision][0]
         self.elements = assembly.element_arrays(self.model, self.parts, of_elements, dt)
         self.nodes = assembly.node_arrays(self.model, self.parts, self.precision, dt, self.mass)
+        self._set_scheme(dt)
+
+    def _set_scheme(self, dt: float) -> None:
         half = self.model.damping * dt / 2
         self.scheme = ((1 - half) / (1 + half), self.model.damping, dt, ENERGY_TOLERANCE, self.floor)
 
@@ -230,17 +233,13 @@ class _Run:
         state.ledger[3:5] *= ratio**2
         state.ledger[5:8] *= ratio
         state.ledger[8] /= ratio
-        kept = {name: array.copy() for name, array in state.arrays.items()}
-        terms = self.elements.terms
-        self._build(dt)
-        fresh = self.elements.history.copy()
         state.base_s, state.step, state.dt = self.time, 0, dt
-        state.arrays = self._live_arrays()
-        for name, array in kept.items():
-            state.arrays[name][:] = array
-        if terms:  # the factors of the viscous terms follow the step, their stresses stay
-            lanes = assembly.LANES[fresh.dtype]
-            shape = (-1, terms, kernels.HISTORY, lanes)
+        stored = assembly.compliances(self.model, dt, self.mass)[self.parts.nodes]
+        self.nodes.compliance[: len(stored), :3] = stored
+        self._set_scheme(dt)
+        if self.elements.terms:  # the factors of the viscous terms follow the step, their stresses stay
+            fresh = assembly.element_arrays(self.model, self.parts, self.elements.constants.dtype.type, dt).history
+            shape = (-1, self.elements.terms, kernels.HISTORY, assembly.LANES[fresh.dtype])
             self.elements.history.reshape(shape)[:, :, :3] = fresh.reshape(shape)[:, :, :3]
         self._table_of = None
 
