@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib import resources
+from itertools import takewhile
 
 import cv2
 import numba
@@ -30,6 +31,8 @@ ELSEWHERE = -4.0  # log-odds of what was not looked at, far from the lips
 MIN_WIDTH_PX = 12  # narrower mouths have nothing left to measure
 MAX_ROLL_RAD = 0.4  # of a mouth just found: what looks more tilted is seldom a mouth
 SETTLE_STEPS = 4  # at most, of the canvas over a mouth just found
+CHECK_AFTER, CHECK_AT_MOST = 8, 64  # frames until a mouth found outside a face is held against the faces seen by then
+NOT_IN_FACE = 0.05  # likelihood below which a mouth is not that of a face
 LOOK_ROUND = 8  # every so many frames the whole canvas is looked at, not only where the mouth was
 MARGIN = 8  # px around the lips that are looked at again: in a frame the lips move less than that
 CENTRAL = (20, 92, 14, 114)  # of the fine canvas: looked at in the first frame, even if the coarse look sees less
@@ -359,9 +362,13 @@ class _Detector:
         self._settled = False
         self._looked = 0
         self._earlier = None  # box, canvas and log-odds of the frame before
+        self._in_face = True  # the mouth is known to be a face's
+        self._check_in = self._check_pause = CHECK_AFTER
 
     def look(self, frame) -> Look:
         """What the method says about the next frame of the clip."""
+        if self._box is not None and not self._in_face:
+            self._check_place(frame)
         if self._box is not None:
             canvas = lay_canvas(frame, self._box)
             if canvas is not None and self._canvas is not None and _equal(canvas, self._canvas):
@@ -386,6 +393,17 @@ class _Detector:
         self._canvas, self._look, self._settled = canvas, look, True
         return look
 
+    def _check_place(self, frame) -> None:
+        """Now and then, whether a face has come up that has its mouth elsewhere than the one being followed."""
+        self._check_in -= 1
+        if self._check_in > 0:
+            return
+        self._check_in = self._check_pause = min(2 * self._check_pause, CHECK_AT_MOST)
+        likely = [place.likelihood(self._box) for place in takewhile(lambda place: place.is_face, places(frame))]
+        self._in_face = max(likely, default=0.0) >= NOT_IN_FACE
+        if likely and not self._in_face:
+            self._forget()
+
     def _search(self, frame) -> float | None:
         """Lay the box over the likeliest mouth; the score it then needs on the fine canvas, None if there is none."""
         if self._rest > 0:
@@ -400,6 +418,7 @@ class _Detector:
                     best, best_score = box, score
             if best:
                 self._pause = 1
+                self._in_face = place.is_face
                 self._box, _ = settle(frame, best, 2)
                 return self.settings.lost_below if place.is_face else self.settings.confirmed_above
         self._rest = self._pause = min(2 * self._pause, 8)

@@ -6,8 +6,10 @@ import pytest
 from drawn_mouth import PLAIN, AskedFrame, opened, overlap, plain
 
 from lipmetrics.artificial import Shape, draw, random_camera, random_face
+from lipmetrics.box import Box
 from lipmetrics.detect import make_detector
 from lipmetrics.errors import InputError
+from lipmetrics.find import IN_FACE, IN_FACE_SPREAD, Place
 from lipmetrics.frames import VideoInfo
 from lipmetrics.lips import LipSettings
 from lipmetrics.look import CLOSED, NO_MOUTH, OPEN
@@ -317,3 +319,32 @@ def test_evidence_of_the_frame_before_steadies_a_noisy_mouth():
         heights = [height_mw(detector.look(AskedFrame(p, k)).outlines, 90) for k, p in enumerate(pictures)]
         trembles.append(np.abs(np.diff(heights[2:])).mean())
     assert trembles[1] < 0.8 * trembles[0]
+
+
+@pytest.mark.parametrize("face_at", [None, 0.75, 0.25], ids=["no face", "elsewhere", "around it"])
+def test_a_mouth_found_outside_a_face_is_given_up_for_that_of_a_face(monkeypatch, face_at):
+    one, other = (plain(opened(0.3), (170, 230), 80.0, seed=seed).picture for seed in (0, 1))
+    picture = np.hstack([one, other])  # mouths in the middle of each half
+    height, width = picture.shape[:2]
+    calls = []
+
+    def places_of(frame):
+        calls.append(frame.index)
+        col = 0.25 * width  # at first the left one is found, and no face is seen
+        down, across, wide = IN_FACE
+        if len(calls) > 1 and face_at is not None:
+            side, col = 160.0, face_at * width
+            face = (col - across * side, height / 2 - down * side, side, side)
+            yield Place([Box(height / 2, col, wide * side)], face, IN_FACE, IN_FACE_SPREAD, 0.0, True)
+        whole = (0.0, 0.0, float(width), float(height))
+        yield Place([Box(height / 2, col, 80.0)], whole, (0.5, 0.5, 0.2), (1.0, 1.0, 1.0), 0.5, False)
+
+    monkeypatch.setattr("lipmetrics.lips.places", places_of)
+    noise = np.random.default_rng(0)  # equal frames would be passed over
+    clip = [
+        np.clip(picture.astype(int) + noise.integers(-2, 3, picture.shape), 0, 255).astype(np.uint8) for _ in range(30)
+    ]
+    cols = [look.corners[:, 1].mean() for look in looks_at(clip)]
+    assert cols[0] == pytest.approx(0.25 * width, abs=8)
+    assert cols[-1] == pytest.approx((0.75 if face_at == 0.75 else 0.25) * width, abs=8)
+    assert len(calls) <= 4  # faces are looked for now and then only
