@@ -419,7 +419,8 @@ class _Run:
 def _output_times(model: Model, times: Sequence[float] | None, dt: float) -> np.ndarray:
     """Times to save, s."""
     if times is None and model.output_every is not None and model.dt_s != "auto":
-        return np.arange(0, round(model.duration_s / dt) + 1, model.output_every) * dt
+        steps = round(model.duration_s / dt)
+        return np.append(np.arange(0, steps, model.output_every), steps) * dt  # the end too, whatever it falls on
     if times is None:
         return np.linspace(0, model.duration_s, SAVED_STATES + 1)
     times = np.array(times, dtype=float)

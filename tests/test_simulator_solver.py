@@ -272,3 +272,9 @@ def test_uniform_mass_scaling_slows_waves_and_allows_larger_steps():
     plain, heavy = (solve(hanging(dt_s="auto"), [0.2], mass_scaling=factor) for factor in (1.0, 16.0))
     assert heavy.settings["stable_dt_s"] == pytest.approx(4 * plain.settings["stable_dt_s"], rel=0.01)
     assert heavy.settings["added_mass"] == pytest.approx(15)
+
+
+@pytest.mark.parametrize(("every", "steps"), [(4, [0, 4, 8, 10]), (5, [0, 5, 10]), (99, [0, 10])])
+def test_states_are_saved_every_so_many_steps_and_at_the_end(every, steps):
+    motion = solve(hanging(dt_s=1e-4, duration_s=1e-3, output_every=every), threads=1)
+    assert motion.time_s == pytest.approx(np.array(steps) * 1e-4)
