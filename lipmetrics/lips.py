@@ -19,7 +19,7 @@ import numpy as np
 
 from lipmetrics import features
 from lipmetrics.box import CANVAS, COARSE, MOUTH, Box, lay_canvas, nine_of_sixteen
-from lipmetrics.decode import Mouth, decode
+from lipmetrics.decode import Mouth, decode, sums_inside
 from lipmetrics.errors import InputError
 from lipmetrics.find import places
 from lipmetrics.forest import load_forest, log_odds
@@ -261,15 +261,13 @@ def mouth_score(odds: np.ndarray, mouth: Mouth) -> float:
     wrong size, or runs off the canvas.
     """
     rows, cols = odds.shape
-    row = np.arange(rows)[:, None]
-    inside = (row > mouth.top) & (row < mouth.bottom)
-    area = np.count_nonzero(inside)
+    area, total, likely, everywhere = sums_inside(odds, mouth.left, mouth.top, mouth.bottom)
     if area == 0:
         return 0.0
-    found = odds[:, mouth.left : mouth.right][inside]
-    chance = float(np.mean(1 / (1 + np.exp(-found))))  # teeth that do not look like a mouth must not hide its lips
-    elsewhere = np.count_nonzero(odds > 0) - np.count_nonzero(found > 0)
-    stray = elsewhere / (elsewhere + 2 * area)
+    chance = (
+        total / area
+    )  # of probabilities, not of log-odds: teeth that do not look like a mouth must not hide its lips
+    stray = (everywhere - likely) / (everywhere - likely + 2 * area)
     off_size = abs(np.log((mouth.right - mouth.left) / (cols * MOUTH / CANVAS[1])))
     middle = mouth.middle
     off_centre = np.hypot(middle[0] - (rows - 1) / 2, middle[1] - (cols - 1) / 2) / cols

@@ -185,3 +185,21 @@ def test_a_region_gives_the_same_mouth_in_px_of_the_map():
 def test_nothing_is_found_on_nothing():
     assert decode(np.full((3, 30, 40), -4.0, np.float32)) is None
     assert decode(np.full((3, 30, 2), 4.0, np.float32)) is None
+
+
+def test_quantiles_are_those_of_numpy():
+    rng = np.random.default_rng(2)
+    for count in (1, 2, 3, 64):
+        values = rng.normal(size=count)
+        for share in (0.0, 0.1, 0.5, 0.9, 1.0):
+            assert d.quantile(values, share) == pytest.approx(np.quantile(values, share))
+
+
+def test_sums_between_the_borders_are_those_of_a_mask():
+    rng = np.random.default_rng(3)
+    odds = rng.normal(0, 3, (20, 30)).astype(np.float32)
+    top, bottom = rng.uniform(-1, 8, 12), rng.uniform(8, 20, 12)
+    row = np.arange(20)[:, None]
+    part = odds[:, 5:17][(row > top) & (row < bottom)]
+    expected = part.size, (1 / (1 + np.exp(-part.astype(float)))).sum(), (part > 0).sum(), (odds > 0).sum()
+    assert d.sums_inside(odds, 5, top, bottom) == pytest.approx(expected, rel=1e-5)
