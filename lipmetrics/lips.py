@@ -426,12 +426,11 @@ class _Detector:
         lost = Look(NO_MOUTH, confidence=0.0), 0.0
         if canvas is None:
             return lost
-        coarse, mouth = self._coarse(shrunk(canvas))
-        region = self._seen or CENTRAL
-        if mouth is not None:
-            region = union(region_of(mouth, COARSE, CANVAS), region)
-        odds = self._steadied(canvas, fine_odds(canvas, coarse, region))
-        mouth = decode(odds, region, self.settings.lean)
+        earlier = self._earlier
+        odds, region, mouth = self._decoded(canvas)
+        if self._seen is not None and (mouth is None or not fits(mouth, region, CANVAS)):
+            self._region, self._seen, self._earlier = None, None, earlier  # it has left where it was: look everywhere
+            odds, region, mouth = self._decoded(canvas)
         if mouth is None:
             return lost
         box, settings = self._box, self.settings
@@ -447,6 +446,12 @@ class _Detector:
         decided = np.tanh(abs(np.log((evidence + 1) / (settings.sure_above + 1))) / 2)
         confidence = float(score * (0.3 + 0.7 * decided))
         return Look(OPEN if outlines else CLOSED, outlines, box.to_picture(mouth.corners), confidence), score
+
+    def _decoded(self, canvas: np.ndarray) -> tuple[np.ndarray, Region, Mouth | None]:
+        """Fine log-odds, the part of the canvas that they are of, and the mouth there."""
+        coarse, region = self._coarse(shrunk(canvas))
+        odds = self._steadied(canvas, fine_odds(canvas, coarse, region))
+        return odds, region, decode(odds, region, self.settings.lean)
 
     def _steadied(self, canvas: np.ndarray, odds: np.ndarray) -> np.ndarray:
         """Log-odds drawn towards those of the frame before where the picture is the same: noise is not movement."""
@@ -466,24 +471,22 @@ class _Detector:
         self._earlier = (self._box, canvas, odds)
         return odds
 
-    def _coarse(self, canvas: np.ndarray) -> tuple[np.ndarray, Mouth | None]:
-        """Coarse log-odds and mouth, looking only around where the mouth was while it stays there.
+    def _coarse(self, canvas: np.ndarray) -> tuple[np.ndarray, Region]:
+        """Coarse log-odds, and where on the fine canvas to look: where the mouth was, if that is known.
 
-        Every LOOK_ROUND frames it looks at the whole canvas, lest it follow a part of the mouth.
+        Every LOOK_ROUND frames the whole canvas is looked at, lest a part of the mouth be followed.
         """
         self._looked += 1
-        region = self._region
-        if region is not None:
-            whole = self._looked % LOOK_ROUND == 0
-            odds = coarse_odds(canvas, None if whole else region)
-            mouth = decode(odds, None if whole else region)
-            if mouth is not None and fits(mouth, region, COARSE):
-                if whole:  # as if it had not been looked at, so that the fine answer does not jump
-                    odds = _only(odds, region)
-                return odds, mouth
-        self._seen = None
+        region, seen = self._region, self._seen
+        if region is not None and seen is not None and self._looked % LOOK_ROUND:
+            return coarse_odds(canvas, region), seen
         odds = coarse_odds(canvas)
-        return odds, decode(odds)
+        mouth = decode(odds)
+        if region is not None and seen is not None and mouth is not None and fits(mouth, region, COARSE):
+            odds = _only(odds, region)  # as if it had not been looked at, so that the fine answer does not jump
+        else:
+            self._region, self._seen, seen = None, None, CENTRAL
+        return odds, seen if mouth is None else union(region_of(mouth, COARSE, CANVAS), seen)
 
     def _follow(self, seen: Box) -> None:
         """Let the canvas of the next frame follow the mouth: wholly a mouth just found, else the more it has moved."""
