@@ -49,6 +49,7 @@ VARIANTS: dict[str, dict[str, tuple[dict[str, object], int]]] = {
     "default": AS_IT_COMES
     | {f"keeps {steady:g} of the frame before": ({"steady": steady}, 1) for steady in (0.0, 0.8)}
     | {f"open above evidence {least:g}": ({"sure_above": least}, 1) for least in (10.0, 40.0)}
+    | {f"leans by {lean:g} towards open": ({"lean": lean}, 1) for lean in (0.0, 0.8)}
     | {f"canvas follows half of {far:g} mw": ({"move_mw": far}, 1) for far in (0.03, 0.12)},
     "thesis": AS_IT_COMES
     | {f"median filter of {size} px": ({"median_px": size}, 1) for size in (1, 3, 9)}

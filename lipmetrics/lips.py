@@ -131,10 +131,7 @@ def coarse_odds(canvas: np.ndarray, region: Region | None = None) -> np.ndarray:
 
 def fine_odds(canvas: np.ndarray, coarse: np.ndarray, region: Region | None = None) -> np.ndarray:
     """Log-odds (3, *CANVAS) float32 of a canvas (*CANVAS, 3) uint8 RGB and its coarse log-odds; region as above."""
-    odds = _odds(forests()[1], fine_inputs(canvas, coarse, region), CANVAS, region)
-    if len(odds) > LOWER:
-        return odds
-    return np.concatenate([odds, cv2.resize(coarse[LOWER], CANVAS[::-1])[None]])  # a forest without the lower lip
+    return _odds(forests()[1], fine_inputs(canvas, coarse, region), CANVAS, region)
 
 
 def _odds(forest, maps: np.ndarray, size: tuple[int, int], region: Region | None) -> np.ndarray:
