@@ -31,7 +31,7 @@ import numpy as np
 import lipmetrics
 from lipmetrics.artificial import draw, lip_curves, photograph, random_camera, random_face
 from lipmetrics.atomic import whole_file
-from lipmetrics.box import CANVAS, COARSE, MOUTH
+from lipmetrics.box import ASPECT, CANVAS, COARSE, MOUTH, narrowed
 from lipmetrics.features import COARSE_COUNT, FINE_COUNT, MAX_OFFSET, PAD
 from lipmetrics.forest import Forest, log_odds, save_forests
 from lipmetrics.lips import LIP, coarse_inputs, fine_inputs, shrunk
@@ -50,7 +50,7 @@ class CanvasSet:
 
     number: int  # second part of the seed
     count: int
-    size: tuple[int, int]  # rows, columns
+    size: tuple[int, int]  # rows, columns of the canvas; it is drawn with square px and narrowed, as in use
     resize: float  # spread of the logarithm of the mouth's size
     move_mw: float  # spread of its place, along rows and along columns
     turn_rad: float
@@ -120,7 +120,7 @@ FINE_STAGE = Stage(
     nearby=0.4,  # the border of an opening is told by the pixels at both sides of it
 )
 PIXELS = 80  # of each canvas: its pixels resemble one another, so more canvases teach more than more pixels
-NEAR_LIPS_PX = (5.0, 5.0)  # rows, columns: spread of the pixels that are taken around the lips, where mistakes are made
+NEAR_LIPS_PX = (5.0, 2.5)  # rows, columns: spread of the pixels that are taken around the lips, where mistakes are made
 ROW_SHARE = 0.4  # of the pixels choose a tree's questions: faster, and trees differ; all of them set its leaves
 BINS = 32  # of each answer: the sums of all bins and leaves stay in the processor's cache
 EDGE_CANVASES = 500  # the bins' edges are quantiles of the answers on so many: 40,000 values place 31 edges well
@@ -148,18 +148,19 @@ class Questions:
 
 def draw_canvas(kind: CanvasSet, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """A canvas (rows, cols, 3) uint8 RGB and its shares (3, rows, cols) float32 in the order of SHARES."""
+    square = (kind.size[0], kind.size[1] * ASPECT)
     if rng.random() < kind.empty:
-        return draw_texture(kind.size, rng), np.zeros((len(SHARES), *kind.size), np.float32)
+        return narrowed(draw_texture(square, rng)), np.zeros((len(SHARES), *kind.size), np.float32)
     face = random_face(rng, closed=rng.random() < kind.closed)
     across = np.linspace(-0.5, 0.5, 241) * face.shape.width
     upper, _, _, lower = lip_curves(face.shape, across)
-    mw_px = kind.size[1] * MOUTH / CANVAS[1]  # a mouth of the right size, px
+    mw_px = square[1] * MOUTH / CANVAS[1]  # a mouth of the right size, px
     px_per_mouth = mw_px * np.exp(rng.normal(0, kind.resize)) / face.shape.width
     away_px = mw_px * rng.normal(0, FAR_MW if rng.random() < kind.far else kind.move_mw, 2)
-    middle = (np.array(kind.size) - 1) / 2 + away_px
+    middle = (np.array(square) - 1) / 2 + away_px
     drawing = draw(
         face,
-        kind.size,
+        square,
         px_per_mouth,
         centre=(middle[0] - px_per_mouth * (upper.min() + lower.max()) / 2, middle[1]),
         roll_rad=rng.normal(0, kind.turn_rad),
@@ -167,7 +168,8 @@ def draw_canvas(kind: CanvasSet, rng: np.random.Generator) -> tuple[np.ndarray, 
         rng=rng,
         supersample=1,  # four times faster than 2; the camera blurs most of its jagged lines
     )
-    return drawing.picture, np.stack([drawing.lip, drawing.opening, drawing.lower])
+    shares = np.stack([drawing.lip, drawing.opening, drawing.lower])
+    return narrowed(drawing.picture), shares.reshape(*shares.shape[:-1], -1, ASPECT).mean(axis=-1)
 
 
 def draw_texture(size: tuple[int, int], rng: np.random.Generator) -> np.ndarray:
@@ -222,8 +224,9 @@ def random_questions(stage: Stage, rng: np.random.Generator) -> Questions:
     parts[:, 0] = rng.integers(0, stage.maps, count)
     for k in range(1, 5):
         spread = np.where(rng.random(count) < stage.nearby, NEARBY_PX, stage.spread_px)
-        far_at_times = np.round(rng.standard_t(3, count) * spread)
-        parts[:, k] = np.clip(far_at_times, -MAX_OFFSET, MAX_OFFSET)
+        far_at_times = rng.standard_t(3, count) * spread
+        most = MAX_OFFSET[(k + 1) % 2]
+        parts[:, k] = np.clip(np.round(far_at_times / (1, ASPECT)[(k + 1) % 2]), -most, most)
     kind = rng.random(count)
     centre = kind < AGAINST_CENTRE
     parts[centre, 3:5] = 0
@@ -236,10 +239,14 @@ def random_questions(stage: Stage, rng: np.random.Generator) -> Questions:
 
 
 def ask(questions: Questions, maps: np.ndarray, rows: np.ndarray, cols: np.ndarray) -> np.ndarray:
-    """Answers (F, n) int16 of n pixels. maps : (C, H + 2 PAD, W + 2 PAD) uint8; rows, cols : (n,) without padding."""
+    """Answers (F, n) int16 of n pixels.
+
+    maps : (C, H + 2 PAD[0], W + 2 PAD[1]) uint8; rows, cols : (n,) without padding
+    """
     which, row, col, second_row, second_col = questions.parts.T[:, :, None]
-    answers = maps[which, PAD + row + rows, PAD + col + cols].astype(np.int16)
-    answers -= np.where(questions.single[:, None], 0, maps[which, PAD + second_row + rows, PAD + second_col + cols])
+    down, across = PAD[0] + rows, PAD[1] + cols
+    answers = maps[which, row + down, col + across].astype(np.int16)
+    answers -= np.where(questions.single[:, None], 0, maps[which, second_row + down, second_col + across])
     return answers
 
 

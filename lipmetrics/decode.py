@@ -11,7 +11,7 @@ Inside, a border is counted from the upper edge of the map: border r lies above 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numba as nb
 import numpy as np
@@ -20,13 +20,14 @@ import numpy as np
 LIP_FLOOR = OPENING_FLOOR = 0.05
 SKIN_FLOOR = 0.3  # what lies around a mouth - nostrils, beards, shadows - often looks like lips
 LEAST_LIP_PX, LEAST_LIP_COST = 2, 1.0  # lip expected over and under an opening, and the cost of each px less
-SEAM_COST, SIDE_COST = 2.0, 4.0  # of a jump: times its rows for the seam, times rows + rows^2 for a border
-STEEPEST = 3  # rows per column
-MOUTH_SWITCH, MOUTH_BIAS = 5.0, 0.3  # cost of a corner of the mouth, and of a column of it
-HEAT = 4.0  # pixels side by side say much the same: their evidence together is worth so many times less
+SEAM_COST, SIDE_COST = 1.0, 2.0  # of a jump: times its rows for the seam, times rows + rows^2 / 2 for a border
+STEEPEST = 6  # rows per column
+BAND = 4  # rows above and below the best border in which its mean is taken
+MOUTH_SWITCH, MOUTH_BIAS = 2.5, 0.3  # cost of a corner of the mouth, and of a column of it
+HEAT = 2.0  # pixels side by side say much the same: their evidence together is worth so many times less
 CORNER_ROWS = 3  # above and below the seam, in which lips are followed to the corner
-NARROWEST = 4  # columns of a mouth
-CORNER_COLS = 6  # farthest that lips are followed beyond the columns that tell them from skin
+NARROWEST = 2  # columns of a mouth
+CORNER_COLS = 3  # farthest that lips are followed beyond the columns that tell them from skin
 FAR_FROM, FAR_COST = (
     0.3,
     40.0,
@@ -42,7 +43,7 @@ _LOG_LIP, _LOG_OPENING = (np.log(_CHANCES + floor).astype(np.float32) for floor 
 _LOG_SKIN = np.log(SKIN_FLOOR + (1 - SKIN_FLOOR) * _CHANCES).astype(np.float32)
 _JUMPS = np.arange(STEEPEST + 1)
 _SEAM_COSTS = (SEAM_COST * _JUMPS).astype(np.float32)
-_SIDE_COSTS = (SIDE_COST * (_JUMPS + _JUMPS**2)).astype(np.float32)
+_SIDE_COSTS = (SIDE_COST * (_JUMPS + _JUMPS**2 / 2)).astype(np.float32)
 
 
 @dataclass(frozen=True)
@@ -80,9 +81,19 @@ class Mouth:
     @property
     def corners(self) -> np.ndarray:
         """(2, 2) float64 (row, column) of the left and the right end."""
-        return np.array([(self.seam[:3].mean(), self.left - 0.5), (self.seam[-3:].mean(), self.right - 0.5)])
+        return np.array([(self.seam[:2].mean(), self.left - 0.5), (self.seam[-2:].mean(), self.right - 0.5)])
 
-    @property
+    @cached_property
+    def highest(self) -> float:
+        """The highest row of the lips."""
+        return float(self.top.min())
+
+    @cached_property
+    def lowest(self) -> float:
+        """The lowest row of the lips."""
+        return float(self.bottom.max())
+
+    @cached_property
     def middle(self) -> tuple[float, float]:
         """(row, column) half-way between the upper and the lower end, and between the corners."""
         return (quantile(self.top, 0.1) + quantile(self.bottom, 0.9)) / 2, (self.left + self.right - 1) / 2
@@ -90,8 +101,7 @@ class Mouth:
     @property
     def slope(self) -> float:
         """Rows per column by which the seam falls from left to right, least squares."""
-        across = np.arange(len(self.seam)) - (len(self.seam) - 1) / 2
-        return float(across @ self.seam / (across @ across))
+        return _slope(self.seam)
 
     def openings(self, switch: float) -> list[Opening]:
         """Where it is open, from left to right; a column where open becomes closed, or closed open, costs `switch`."""
@@ -300,18 +310,18 @@ def best_path(score, highest, lowest, costs):
 
 @nb.njit(cache=True, nogil=True)
 def mean_path(score, path, highest, lowest, costs, heat):
-    """Mean row (cols,) float64 of all paths as in :func:`best_path` that stay within STEEPEST rows of `path`.
+    """Mean row (cols,) float64 of all paths as in :func:`best_path` that stay within BAND rows of `path`.
 
     Each counts with exp(its sum / heat), so the mean lies between rows, where the evidence puts it, and hardly moves
     with noise (forward-backward: Rabiner 1989, Proc. IEEE 77).
     """
     cols = score.shape[1]
-    size = 2 * STEEPEST + 1
+    size = 2 * BAND + 1
     step = np.exp(-costs.astype(np.float64) / heat)
     weight = np.zeros((cols, size))
     for j in range(cols):
         for k in range(size):
-            i = path[j] + k - STEEPEST
+            i = path[j] + k - BAND
             if highest[j] <= i <= lowest[j]:
                 weight[j, k] = np.exp(min((score[i, j] - score[path[j], j]) / heat, 300.0))
     ahead, behind = np.ones((cols, size)), np.ones((cols, size))
@@ -340,7 +350,7 @@ def mean_path(score, path, highest, lowest, costs, heat):
         total = share.sum()
         mean[j] = path[j]
         for k in range(size):
-            mean[j] += (k - STEEPEST) * share[k] / total
+            mean[j] += (k - BAND) * share[k] / total
     return mean
 
 
@@ -375,6 +385,17 @@ def _best_run(on, evidence):
         if total > best:
             best, begin, end = total, start, j + 1
     return begin, end
+
+
+@nb.njit(cache=True, nogil=True)
+def _slope(values):
+    """Of the straight line nearest to values (n,), per place."""
+    middle = (len(values) - 1) / 2
+    rise, run = 0.0, 0.0
+    for k in range(len(values)):
+        rise += (k - middle) * values[k]
+        run += (k - middle) ** 2
+    return rise / run
 
 
 @nb.njit(cache=True, nogil=True)

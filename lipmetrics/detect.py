@@ -61,8 +61,8 @@ class _Window:
     def rgb(self, region=None) -> np.ndarray:
         return self._frame.rgb(self._in_picture(region or (0, self.height, 0, self.width)))
 
-    def averaged(self, region, shrink: int) -> np.ndarray:
-        return averaged_region(self._frame, self._in_picture(region), shrink)
+    def averaged(self, region, block: tuple[int, int]) -> np.ndarray:
+        return averaged_region(self._frame, self._in_picture(region), block)
 
     def _in_picture(self, region) -> tuple[int, int, int, int]:
         top, left = self._roi[0], self._roi[2]

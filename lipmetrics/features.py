@@ -12,10 +12,12 @@ from functools import lru_cache
 import numba as nb
 import numpy as np
 
-MAX_OFFSET = 16  # px, the farthest a forest looks from a pixel
+# Rows and columns; a px is twice as wide as high (lipmetrics.box.ASPECT).
+MAX_OFFSET = (16, 8)  # px, the farthest a forest looks from a pixel
 PAD = MAX_OFFSET  # px of edge around the maps of a canvas
-REACH = PAD + 8  # px around them that the widest blur sees
-COARSE_BLURS, FINE_BLURS = (3, 7, 15), ((3, 7), (1, 11))  # box widths; fine: against the lips, against the skin
+REACH = (PAD[0] + 8, PAD[1] + 4)  # px around the canvas that the widest blur sees
+BLUR_WIDTHS = {1: 1, 3: 1, 7: 3, 11: 5, 15: 7}  # by the height of a box: as good as square
+COARSE_BLURS, FINE_BLURS = (3, 7, 15), ((3, 7), (1, 11))  # box heights; fine: against the lips, against the skin
 ODDS_BLURS = (1, 11)
 OCTAVE = 256  # steps per doubling
 GAINS = np.array([48, 140, 140]) / OCTAVE  # map steps per step of brightness, red/green, blue/green
@@ -25,10 +27,10 @@ COARSE_COUNT = 6 * len(COARSE_BLURS) + 2
 FINE_COUNT = 3 * sum(len(boxes) for boxes in FINE_BLURS) + 2 * 3 + 4
 BINS, BIN_BITS, BIN_OFFSET = 1024, 2, 2048  # histogram for medians: bins are 2**BIN_BITS steps wide
 
-_MIDDLE, _LOW_MIDDLE_HIGH = np.array([0.5]), np.array([0.1, 0.5, 0.9])
-_COARSE_BOXES, _FINE_BOXES, _ODDS_BOXES = np.array([COARSE_BLURS] * 2), np.array(FINE_BLURS), np.array([ODDS_BLURS])
-_FINE_GAINS = np.stack([GAINS, GAINS], axis=1)
-_LEVEL_CENTRES, _LEVEL_GAINS = np.full((3, 1), 128.0), np.ones((3, 1))  # levels stay what they are
+_COARSE_BOXES, _FINE_BOXES, _ODDS_BOXES = (
+    np.array([[(height, BLUR_WIDTHS[height]) for height in heights] for heights in kinds])
+    for kinds in ([COARSE_BLURS] * 2, FINE_BLURS, [ODDS_BLURS])
+)
 _LOG_LIGHT = np.round(OCTAVE * np.log2(np.arange(256) + 4)).astype(np.int16)
 _LOG_COLOUR = np.round(OCTAVE * np.log2(np.arange(256) + 8)).astype(np.int16)
 
@@ -77,15 +79,6 @@ def _quantiles(ratios, kinds, step, shares):
     return found
 
 
-@nb.njit(cache=True, nogil=True)
-def _kinds(lip, opening, where, out):
-    """0 likely lip and not opening, 1 not likely lip, 2 other pixels that may count, -1 the rest."""
-    for i in range(where.shape[0]):
-        for j in range(where.shape[1]):
-            kind = 0 if lip[i, j] > 0 and opening[i, j] < 0 else 1 if lip[i, j] < -1 else 2
-            out[i, j] = kind if where[i, j] else -1
-
-
 @nb.njit(inline="always")
 def _box_sums(values, step, box, threes, out):
     """out[j] = the sum of values[j + k step] over k < box; all flat uint16. What has no such values is left alone."""
@@ -96,7 +89,7 @@ def _box_sums(values, step, box, threes, out):
     later = threes[3 * step :] if box >= 6 else threes
     for j in range(end):
         out[j] = threes[j] + later[j] if box >= 6 else threes[j]
-    for k in range(6, box):
+    for k in range(6 if box >= 6 else 3, box):
         if k % 3 == 0 and k + 3 <= box:
             later = threes[k * step :]
         elif k >= box - box % 3:
@@ -108,23 +101,25 @@ def _box_sums(values, step, box, threes, out):
 
 
 @nb.njit(inline="always")
-def _blur(padded, box, work, out):
-    """Mean over box x box pixels, rounded; padded, uint16, reaches REACH - PAD farther than out on each side.
+def _blur(padded, height, width, work, out):
+    """Mean over height x width pixels, rounded; padded, uint16, reaches REACH - PAD farther than out on each side.
 
     Sums run over the picture as one long row: what they take from the next row lands in columns that are not read.
     """
-    first = REACH - PAD - box // 2
+    first, first_col = REACH[0] - PAD[0] - height // 2, REACH[1] - PAD[1] - width // 2
     seen = padded[first : padded.shape[0] - first]
-    width, values = seen.shape[1], seen.ravel()
-    if box > 1:
-        for step in (width, 1):
-            down, work_out = work[0], work[1 if step > 1 else 2]
-            _box_sums(values, step, box, down, work_out)
-            values = work_out[: values.size]
+    stride, values = seen.shape[1], seen.ravel()
+    if height > 1:
+        _box_sums(values, stride, height, work[0], work[1])
+        values = work[1, : values.size]
+    if width > 1:
+        _box_sums(values, 1, width, work[0], work[2])
+        values = work[2, : values.size]
     # times / 2**23 is 1 / area to within what rounding forgives, for every box up to 15
-    half, times = np.uint32(box * box // 2), np.uint32((1 << 23) // (box * box) + (box > 1))
+    area = height * width
+    half, times = np.uint32(area // 2), np.uint32((1 << 23) // area + (area > 1))
     for i in range(out.shape[0]):
-        part, line = values[i * width + first : (i + 1) * width], out[i]
+        part, line = values[i * stride + first_col : (i + 1) * stride], out[i]
         for j in range(line.size):
             line[j] = np.uint8(np.uint32(np.uint32(part[j] + half) * times) >> np.uint32(23))
 
@@ -137,7 +132,7 @@ def _blurred_maps(planes, row, col, centres, gains, boxes, padded, work, maps):
     edge of the planes goes on. padded and work : room for _blur
     """
     _, height, width = planes.shape
-    row, col = row - REACH, col - REACH
+    row, col = row - REACH[0], col - REACH[1]
     first, end = min(max(-col, 0), padded.shape[1]), max(min(width - col, padded.shape[1]), 0)
     n = 0
     for c in range(3):
@@ -155,15 +150,8 @@ def _blurred_maps(planes, row, col, centres, gains, boxes, padded, work, maps):
                 for j in range(end, line.size):
                     line[j] = line[end - 1]
             for b in range(boxes.shape[1]):
-                _blur(padded, boxes[k, b], work, maps[n])
+                _blur(padded, boxes[k, b, 0], boxes[k, b, 1], work, maps[n])
                 n += 1
-
-
-@nb.njit(cache=True, nogil=True)
-def _log_odds_levels(odds, out):
-    """128 + 24 log-odds, cut to whole numbers in 0..255; odds and out flat."""
-    for j in range(odds.size):
-        out[j] = np.int16(min(max(np.float64(128) + np.float64(24) * odds[j], 0.0), 255.0))
 
 
 @nb.njit(cache=True, nogil=True)
@@ -185,6 +173,73 @@ def _lip_position(odds, row, col, out):
             out[1, i, j] = np.uint8(np.int32(min(4.0 * whole, 255.0)))
 
 
+@nb.njit(cache=True, nogil=True)
+def _place(height, width, row, col, out):
+    """Row and column, 0 to 255 over the canvas, from row and col on; beyond the canvas its edge goes on."""
+    for i in range(out.shape[1]):
+        out[0, i] = min(max((i + row) * 255 // (height - 1), 0), 255)
+    for j in range(out.shape[2]):
+        out[1, :, j] = min(max((j + col) * 255 // (width - 1), 0), 255)
+
+
+@nb.njit(cache=True, nogil=True)
+def _coarse(ratios, kinds, region, gains, boxes):
+    _, height, width = ratios.shape
+    maps, padded, work = _room(region, 3 * boxes.size // 2 + 2)
+    quantiles = _quantiles(ratios, kinds, 2, np.array([0.1, 0.5, 0.9]))[0]
+    both_gains, centres = np.empty((3, 2)), np.empty((3, 2))
+    for c in range(3):
+        low, middle, high = quantiles[c]
+        both_gains[c, 0], both_gains[c, 1] = gains[c], SPREAD_GAIN / max(high - low, MIN_SPREAD)
+        centres[c] = middle
+    _blurred_maps(ratios, region[0], region[2], centres, both_gains, boxes, padded, work, maps)
+    _place(height, width, region[0] - PAD[0], region[2] - PAD[1], maps[-2:])
+    return maps
+
+
+@nb.njit(cache=True, nogil=True)
+def _fine(ratios, middles, odds, region, gains, boxes, odds_boxes):
+    _, height, width = ratios.shape
+    count = 3 * boxes.size // 2
+    maps, padded, work = _room(region, count + 3 * odds_boxes.size // 2 + 4)
+    both_gains, centres = np.empty((3, 2)), np.empty((3, 2))
+    for c in range(3):
+        both_gains[c] = gains[c]
+        centres[c, 0], centres[c, 1] = middles[0, c], middles[1, c]
+    _blurred_maps(ratios, region[0], region[2], centres, both_gains, boxes, padded, work, maps)
+    levels = np.empty(odds.shape, np.int16)
+    for c in range(3):
+        for i in range(height):
+            for j in range(width):
+                levels[c, i, j] = np.int16(
+                    min(max(np.float32(128) + np.float32(24) * odds[c, i, j], np.float32(0)), np.float32(255))
+                )
+    as_they_are, centres = np.ones((3, 1)), np.full((3, 1), 128.0)
+    _blurred_maps(levels, region[0], region[2], centres, as_they_are, odds_boxes, padded, work, maps[count:])
+    _lip_position(odds[0], region[0] - PAD[0], region[2] - PAD[1], maps[-4:-2])
+    _place(height, width, region[0] - PAD[0], region[2] - PAD[1], maps[-2:])
+    return maps
+
+
+@nb.njit(cache=True, nogil=True)
+def _room(region, count):
+    """The maps of a region, a plane that reaches REACH beyond it, and room for its sums."""
+    row0, row1, col0, col1 = region
+    rows, cols = row1 - row0 + 2 * REACH[0], col1 - col0 + 2 * REACH[1]
+    maps = np.empty((count, row1 - row0 + 2 * PAD[0], col1 - col0 + 2 * PAD[1]), np.uint8)
+    return maps, np.empty((rows, cols), np.uint16), np.zeros((3, rows * cols), np.uint16)
+
+
+@nb.njit(cache=True, nogil=True)
+def _references(ratios, lip, opening, where):
+    kinds = np.empty(where.shape, np.int8)
+    for i in range(where.shape[0]):
+        for j in range(where.shape[1]):
+            kind = 0 if lip[i, j] > 0 and opening[i, j] < 0 else 1 if lip[i, j] < -1 else 2
+            kinds[i, j] = kind if where[i, j] else -1
+    return _quantiles(ratios, kinds, 2, np.array([0.5]))
+
+
 def log_ratios(rgb: np.ndarray) -> np.ndarray:
     """(3, H, W) int16: log brightness, log red/green, log blue/green, OCTAVE steps per doubling."""
     out = np.empty((3, *rgb.shape[:2]), np.int16)
@@ -198,9 +253,7 @@ def references(ratios: np.ndarray, lip: np.ndarray, opening: np.ndarray, where: 
     lip, opening : (H, W) log-odds of the coarse stage; where : (H, W) bool, the pixels that may count. Lips are likely
     lip and not opening, skin is not likely lip; where there are too few of either, all pixels stand in.
     """
-    kinds = np.empty(where.shape, np.int8)
-    _kinds(lip, opening, where, kinds)
-    return _quantiles(ratios, kinds, 2, _MIDDLE)[..., 0]
+    return _references(ratios, lip, opening, where)[..., 0]
 
 
 @lru_cache(maxsize=4)
@@ -208,55 +261,23 @@ def _all_of_one_kind(height: int, width: int) -> np.ndarray:
     return np.zeros((height, width), np.int8)
 
 
-@lru_cache(maxsize=4)
-def _ramps(height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
-    """Row and column, 0 to 255 over the canvas and PAD farther."""
-    return tuple(np.clip(np.arange(-PAD, n + PAD) * 255 // (n - 1), 0, 255).astype(np.uint8) for n in (height, width))
-
-
-def _positions(canvas: tuple[int, int], row: int, col: int, out: np.ndarray) -> None:
-    rows, cols = _ramps(*canvas)
-    out[0] = rows[row : row + out.shape[1], None]
-    out[1] = cols[col : col + out.shape[2]]
-
-
-def _room(count: int, ratios: np.ndarray, region: tuple[int, int, int, int] | None):
-    """Row and column where a region begins, its maps, a plane that reaches REACH beyond it, and room for its sums."""
-    row0, row1, col0, col1 = region or (0, ratios.shape[1], 0, ratios.shape[2])
-    rows, cols = row1 - row0 + 2 * REACH, col1 - col0 + 2 * REACH
-    maps = np.empty((count, row1 - row0 + 2 * PAD, col1 - col0 + 2 * PAD), np.uint8)
-    return row0, col0, maps, np.empty((rows, cols), np.uint16), np.zeros((3, rows * cols), np.uint16)
-
-
 def coarse_maps(ratios: np.ndarray, region: tuple[int, int, int, int] | None = None) -> np.ndarray:
-    """Maps of the coarse stage from :func:`log_ratios`, (20, rows + 2 PAD, cols + 2 PAD) uint8.
+    """Maps of the coarse stage from :func:`log_ratios`, (20, rows + 2 PAD[0], cols + 2 PAD[1]) uint8.
 
     region : half-open part of the canvas (row0, row1, col0, col1) that is wanted, all by default; the answer for
         a pixel does not depend on it
     """
-    row, col, maps, padded, work = _room(COARSE_COUNT, ratios, region)
-    low, middle, high = _quantiles(ratios, _all_of_one_kind(*ratios.shape[1:]), 3, _LOW_MIDDLE_HIGH)[0].T
-    gains = np.stack([GAINS, SPREAD_GAIN / np.maximum(high - low, MIN_SPREAD)], axis=1)
-    centres = np.stack([middle, middle], axis=1)
-    _blurred_maps(ratios, row, col, centres, gains, _COARSE_BOXES, padded, work, maps)
-    _positions(ratios.shape[1:], row, col, maps[-2:])
-    return maps
+    height, width = ratios.shape[1:]
+    return _coarse(ratios, _all_of_one_kind(height, width), region or (0, height, 0, width), GAINS, _COARSE_BOXES)
 
 
 def fine_maps(
     ratios: np.ndarray, middles: np.ndarray, odds: np.ndarray, region: tuple[int, int, int, int] | None = None
 ) -> np.ndarray:
-    """Maps of the fine stage, (22, rows + 2 PAD, cols + 2 PAD) uint8.
+    """Maps of the fine stage, (22, rows + 2 PAD[0], cols + 2 PAD[1]) uint8.
 
-    middles : (2, 3) from :func:`references`; odds : (3, H, W) log-odds of the coarse stage on this canvas; region
-        as in :func:`coarse_maps`
+    middles : (2, 3) from :func:`references`; odds : (3, H, W) float32, log-odds of the coarse stage on this canvas;
+        region as in :func:`coarse_maps`
     """
-    row, col, maps, padded, work = _room(FINE_COUNT, ratios, region)
-    _blurred_maps(ratios, row, col, np.ascontiguousarray(middles.T), _FINE_GAINS, _FINE_BOXES, padded, work, maps)
-    levels = np.empty(odds.shape, np.int16)
-    _log_odds_levels(odds.ravel(), levels.ravel())
-    n = len(_FINE_GAINS) * _FINE_BOXES.size
-    _blurred_maps(levels, row, col, _LEVEL_CENTRES, _LEVEL_GAINS, _ODDS_BOXES, padded, work, maps[n:])
-    _lip_position(odds[0], row - PAD, col - PAD, maps[-4:-2])
-    _positions(ratios.shape[1:], row, col, maps[-2:])
-    return maps
+    height, width = ratios.shape[1:]
+    return _fine(ratios, middles, odds, region or (0, height, 0, width), GAINS, _FINE_BOXES, _ODDS_BOXES)

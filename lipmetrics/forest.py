@@ -182,10 +182,12 @@ def _grow(maps, stride, start, rows, width, offsets, single, limits, fields, bit
                 out[k, r, j] = least[k] + steps[k] * ((total[k // per_word, r, j] >> shift) & mask)
 
 
-def log_odds(forest: Forest, maps: np.ndarray, pad: int, rows: tuple[int, int], cols: tuple[int, int]) -> np.ndarray:
+def log_odds(
+    forest: Forest, maps: np.ndarray, pad: tuple[int, int], rows: tuple[int, int], cols: tuple[int, int]
+) -> np.ndarray:
     """Log-odds (K, rows, cols) float32 of the outputs at the pixels rows x cols.
 
-    maps : (C, H + 2 pad, W + 2 pad) uint8, padded by at least the largest offset
+    maps : (C, H + 2 pad[0], W + 2 pad[1]) uint8, padded by at least the largest offsets
     """
     (row0, row1), (col0, col1) = rows, cols
     out = np.empty((forest.bias.size, row1 - row0, col1 - col0), np.float32)
@@ -193,7 +195,7 @@ def log_odds(forest: Forest, maps: np.ndarray, pad: int, rows: tuple[int, int], 
     _grow(
         np.ascontiguousarray(maps).reshape(len(maps), -1),
         stride,
-        (row0 + pad) * stride + col0 + pad,
+        (row0 + pad[0]) * stride + col0 + pad[1],
         row1 - row0,
         col1 - col0,
         ready.offsets,

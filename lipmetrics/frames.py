@@ -120,11 +120,11 @@ class Frame:
         row0, row1, col0, col1 = region
         return self._whole[row0:row1, col0:col1].copy()
 
-    def averaged(self, region: tuple[int, int, int, int], shrink: int) -> np.ndarray:
-        """Means of `rgb(region)` over blocks of shrink x shrink px; what is left at the region's end is left out."""
+    def averaged(self, region: tuple[int, int, int, int], block: tuple[int, int]) -> np.ndarray:
+        """Means of `rgb(region)` over blocks of so many rows and columns; what is left at its end is left out."""
         if can_cut(self._picture):
-            return averaged_rgb(self._picture, self._turn, region, shrink, self._reformatter)
-        return averaged(self.rgb(region), shrink)
+            return averaged_rgb(self._picture, self._turn, region, block, self._reformatter)
+        return averaged(self.rgb(region), block)
 
 
 class FrameSource:

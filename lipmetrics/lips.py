@@ -8,34 +8,36 @@ canvas follows the mouth, small steps by a part only: a still face gives a still
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib import resources
 from itertools import takewhile
 
 import cv2
-import numba
 import numpy as np
 
 from lipmetrics import features
-from lipmetrics.box import CANVAS, COARSE, MOUTH, Box, lay_canvas, nine_of_sixteen
+from lipmetrics.box import ASPECT, CANVAS, COARSE, MOUTH, Box, lay_canvas, nine_of_sixteen
 from lipmetrics.decode import Mouth, decode, sums_inside
 from lipmetrics.errors import InputError
 from lipmetrics.find import places
 from lipmetrics.forest import load_forest, log_odds
 from lipmetrics.look import CLOSED, NO_MOUTH, OPEN, Look
 from lipmetrics.regions import likeliest_region, middle_row, sums_over
+from lipmetrics.steady import steady
 
 LIP, OPENING, LOWER = range(3)  # outputs: lip or opening, opening, lower lip
 ELSEWHERE = -4.0  # log-odds of what was not looked at, far from the lips
 MIN_WIDTH_PX = 12  # narrower mouths have nothing left to measure
 MAX_ROLL_RAD = 0.4  # of a mouth just found: what looks more tilted is seldom a mouth
+STEEPEST_RAD = 0.7  # of a mouth that is being followed
 SETTLE_STEPS = 4  # at most, of the canvas over a mouth just found
 CHECK_AFTER, CHECK_AT_MOST = 8, 64  # frames until a mouth found outside a face is held against the faces seen by then
 NOT_IN_FACE = 0.05  # likelihood below which a mouth is not that of a face
 LOOK_ROUND = 8  # every so many frames the whole canvas is looked at, not only where the mouth was
-MARGIN = 8  # px around the lips that are looked at again: in a frame the lips move less than that
-CENTRAL = (20, 92, 14, 114)  # of the fine canvas: looked at in the first frame, even if the coarse look sees less
+MARGIN = (8, 4)  # rows, columns around the lips that are looked at again: in a frame the lips move less than that
+CENTRAL = (20, 92, 7, 57)  # of the fine canvas: looked at in the first frame, even if the coarse look sees less
 Region = tuple[int, int, int, int]  # half-open part (row0, row1, col0, col1) of a canvas
 
 
@@ -61,8 +63,8 @@ class LipSettings:
     """
 
     lean: float = 0.4
-    sure_above: float = 15.0
-    switch: float = 6.0
+    sure_above: float = 7.5
+    switch: float = 3.0
     min_height_mw: float = 0.022
     found_above: float = 0.45
     found_in_face: float = 0.08
@@ -70,7 +72,7 @@ class LipSettings:
     lost_below: float = 0.1
     steady: float = 0.6
     change: float = 6.0
-    hysteresis: float = 7.0
+    hysteresis: float = 3.5
     move_mw: float = 0.06
     resize: float = 0.08
     turn_rad: float = 0.06
@@ -175,8 +177,8 @@ class Lips:
     @property
     def corners(self) -> np.ndarray:
         """(2, 2) float64 (row, column) of the left and the right end."""
-        left_row = middle_row(self.mask, self.left, self.left + 3)
-        right_row = middle_row(self.mask, self.right - 3, self.right)
+        left_row = middle_row(self.mask, self.left, self.left + 2)
+        right_row = middle_row(self.mask, self.right - 2, self.right)
         return np.array([(left_row, self.left - 0.5), (right_row, self.right - 0.5)])
 
 
@@ -186,7 +188,7 @@ def main_lips(odds: np.ndarray) -> Lips | None:
     if found is None:
         return None
     mask, (left, top, width, height, area) = found
-    if area < 12 or width < 4:
+    if area < 6 or width < 2:
         return None
     return Lips(mask, top, top + height, left, left + width)
 
@@ -204,7 +206,8 @@ def lips_score(odds: np.ndarray, lips: Lips | None) -> float:
     rows, cols = odds.shape
     filled = area / ((lips.bottom - lips.top) * (lips.right - lips.left))
     width = (lips.right - lips.left) / (cols * MOUTH / CANVAS[1])
-    centre_off = np.hypot((lips.left + lips.right) / 2 - cols / 2, (lips.top + lips.bottom) / 2 - rows / 2) / cols
+    down, across = (lips.top + lips.bottom - rows) / 2, ASPECT * (lips.left + lips.right - cols) / 2
+    centre_off = np.hypot(down, across) / (ASPECT * cols)
     off_size = abs(np.log(width))
     runs_off = lips.left == 0 or lips.right == cols or lips.top == 0 or lips.bottom == rows
     score = inside * (1 - stray) * np.exp(-((off_size / 0.6) ** 2) - (centre_off / 0.25) ** 2)
@@ -217,8 +220,8 @@ def moved_box(box: Box, lips: Lips, size: tuple[int, int]) -> Box:
     corners = (lips.corners + 0.5) * to_fine - 0.5
     middle = (np.array([(lips.top + lips.bottom) / 2, (lips.left + lips.right) / 2])) * to_fine - 0.5
     row, col = box.to_picture(middle[None])[0]
-    tilt = np.arctan2(corners[1, 0] - corners[0, 0], corners[1, 1] - corners[0, 1])
-    width = (lips.right - lips.left) * to_fine[1] * box.scale
+    tilt = np.arctan2(corners[1, 0] - corners[0, 0], ASPECT * (corners[1, 1] - corners[0, 1]))
+    width = (lips.right - lips.left) * to_fine[1] * ASPECT * box.scale
     return Box(
         float(row), float(col), float(width), float(np.clip(box.roll_rad + 0.7 * tilt, -MAX_ROLL_RAD, MAX_ROLL_RAD))
     )
@@ -228,10 +231,10 @@ def region_of(mouth: Mouth, size: tuple[int, int], other: tuple[int, int]) -> Re
     """The part of a canvas of the `other` size with a mouth found on one of `size`, and MARGIN px around it."""
     per_row, per_col = other[0] / size[0], other[1] / size[1]
     return (
-        max(int((mouth.top.min() + 0.5) * per_row) - MARGIN, 0),
-        min(int(np.ceil((mouth.bottom.max() + 0.5) * per_row)) + MARGIN, other[0]),
-        max(int(mouth.left * per_col) - MARGIN, 0),
-        min(int(np.ceil(mouth.right * per_col)) + MARGIN, other[1]),
+        max(int((mouth.highest + 0.5) * per_row) - MARGIN[0], 0),
+        min(math.ceil((mouth.lowest + 0.5) * per_row) + MARGIN[0], other[0]),
+        max(int(mouth.left * per_col) - MARGIN[1], 0),
+        min(math.ceil(mouth.right * per_col) + MARGIN[1], other[1]),
     )
 
 
@@ -244,8 +247,8 @@ def fits(mouth: Mouth, region: Region, size: tuple[int, int]) -> bool:
     """Whether a mouth on a canvas of `size` ends inside the region, or where the canvas ends."""
     row0, row1, col0, col1 = region
     return (
-        (mouth.top.min() > row0 or row0 == 0)
-        and (mouth.bottom.max() < row1 - 1 or row1 == size[0])
+        (mouth.highest > row0 or row0 == 0)
+        and (mouth.lowest < row1 - 1 or row1 == size[0])
         and (mouth.left > col0 or col0 == 0)
         and (mouth.right < col1 or col1 == size[1])
     )
@@ -261,25 +264,24 @@ def mouth_score(odds: np.ndarray, mouth: Mouth) -> float:
     area, total, likely, everywhere = sums_inside(odds, mouth.left, mouth.top, mouth.bottom)
     if area == 0:
         return 0.0
-    chance = (
-        total / area
-    )  # of probabilities, not of log-odds: teeth that do not look like a mouth must not hide its lips
+    chance = total / area  # not of log-odds: teeth that do not look like a mouth must not hide its lips
     stray = (everywhere - likely) / (everywhere - likely + 2 * area)
-    off_size = abs(np.log((mouth.right - mouth.left) / (cols * MOUTH / CANVAS[1])))
+    off_size = math.log((mouth.right - mouth.left) / (cols * MOUTH / CANVAS[1]))
     middle = mouth.middle
-    off_centre = np.hypot(middle[0] - (rows - 1) / 2, middle[1] - (cols - 1) / 2) / cols
-    runs_off = mouth.left == 0 or mouth.right == cols or mouth.top.min() < 0 or mouth.bottom.max() > rows - 1
-    score = chance * (1 - stray) * np.exp(-((off_size / 0.6) ** 2) - (off_centre / 0.25) ** 2)
-    return float(score * (0.6 if runs_off else 1.0))
+    off_centre = math.hypot(middle[0] - (rows - 1) / 2, ASPECT * (middle[1] - (cols - 1) / 2)) / (ASPECT * cols)
+    runs_off = mouth.left == 0 or mouth.right == cols or mouth.highest < 0 or mouth.lowest > rows - 1
+    score = chance * (1 - stray) * math.exp(-((off_size / 0.6) ** 2) - (off_centre / 0.25) ** 2)
+    return score * (0.6 if runs_off else 1.0)
 
 
 def mouth_box(box: Box, mouth: Mouth, size: tuple[int, int]) -> Box:
     """The box of a mouth found on a canvas of `size` that was laid by `box`."""
-    to_fine = np.array(CANVAS) / np.array(size)
-    row, col = box.to_picture((np.array([mouth.middle]) + 0.5) * to_fine - 0.5)[0]
-    tilt = np.arctan(mouth.slope * to_fine[0] / to_fine[1])
-    width = (mouth.right - mouth.left) * to_fine[1] * box.scale
-    return Box(float(row), float(col), float(width), float(np.clip(box.roll_rad + 0.7 * tilt, -0.7, 0.7)))
+    per_row, per_col = CANVAS[0] / size[0], CANVAS[1] / size[1]
+    row, col = mouth.middle
+    row, col = box.place((row + 0.5) * per_row - 0.5, (col + 0.5) * per_col - 0.5)
+    tilt = math.atan(mouth.slope * per_row / (per_col * ASPECT))
+    width = (mouth.right - mouth.left) * per_col * ASPECT * box.scale
+    return Box(row, col, width, min(max(box.roll_rad + 0.7 * tilt, -STEEPEST_RAD), STEEPEST_RAD))
 
 
 def settle(frame, box: Box, steps: int) -> tuple[Box, float]:
@@ -300,44 +302,6 @@ def settle(frame, box: Box, steps: int) -> tuple[Box, float]:
     return box, score
 
 
-@numba.njit(cache=True, nogil=True)
-def _steady(canvas, canvas_before, odds, odds_before, keep, change):
-    """odds += weight (odds_before - odds), weight from `keep` at a change of `change` grey levels to 0 at twice it."""
-    outputs, height, width = odds.shape
-    change_of, weight = np.zeros(width + 2, np.int32), np.empty(width, np.float32)  # a column more on each side
-    for i in range(height):
-        new, old = odds[0, i], odds_before[0, i]
-        differing = 0
-        for j in range(width):
-            differing += new[j] != old[j]
-        if not differing:
-            continue
-        change_of[:] = 0
-        first, end = max(i - 1, 0), min(i + 2, height)
-        for r in range(first, end):
-            now, before = canvas[r], canvas_before[r]
-            for j in range(width):
-                change_of[j + 1] += abs(np.int32(now[j, 1]) - np.int32(before[j, 1]))
-        for j in range(width):
-            total = change_of[j] + change_of[j + 1] + change_of[j + 2]
-            n = (end - first) * (min(j + 2, width) - max(j - 1, 0))
-            weight[j] = keep * min(max(2.0 - total / (n * change), 0.0), 1.0) if new[j] != old[j] else 0.0
-        for k in range(outputs):
-            new, old = odds[k, i], odds_before[k, i]
-            for j in range(width):
-                new[j] += weight[j] * (old[j] - new[j])
-
-
-_BACKWARDS = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-
-
-def _warp(box: Box, other: Box) -> np.ndarray:
-    """Matrix (2, 3) from the (x, y) of one box's canvas to that of another's."""
-    corners = np.array([(0.0, 0.0), (0.0, 1.0), (1.0, 0.0)])
-    zero, right, down = other.to_canvas(box.to_picture(corners))[:, ::-1]
-    return np.column_stack([right - zero, down - zero, zero])
-
-
 class _Detector:
     """Looks at the frames of one clip in order; what it remembers is where the mouth was."""
 
@@ -356,7 +320,7 @@ class _Detector:
         self._seen: Region | None = None  # of the fine canvas, where the mouth was
         self._settled = False
         self._looked = 0
-        self._earlier = None  # box, canvas and log-odds of the frame before
+        self._earlier = None  # box, canvas, log-odds of the frame before, and the region that these are of
         self._in_face = True  # the mouth is known to be a face's
         self._check_in = self._check_pause = CHECK_AFTER
 
@@ -432,7 +396,9 @@ class _Detector:
             return lost
         box, settings = self._box, self.settings
         score = mouth_score(odds[LIP], mouth)
-        openings = [each for each in mouth.openings(settings.switch) if each.height >= settings.min_height_mw * MOUTH]
+        openings = [
+            each for each in mouth.openings(settings.switch) if each.height >= settings.min_height_mw * ASPECT * MOUTH
+        ]
         needed = settings.sure_above
         if self._look is not None:
             needed += settings.hysteresis if self._look.status == CLOSED else -settings.hysteresis
@@ -440,32 +406,23 @@ class _Detector:
         self._region, self._seen = region_of(mouth, CANVAS, COARSE), region_of(mouth, CANVAS, CANVAS)
         self._follow(mouth_box(box, mouth, CANVAS))
         evidence = max((each.evidence for each in openings), default=0.0)
-        decided = np.tanh(abs(np.log((evidence + 1) / (settings.sure_above + 1))) / 2)
-        confidence = float(score * (0.3 + 0.7 * decided))
+        decided = math.tanh(abs(math.log((evidence + 1) / (settings.sure_above + 1))) / 2)
+        confidence = score * (0.3 + 0.7 * decided)
         return Look(OPEN if outlines else CLOSED, outlines, box.to_picture(mouth.corners), confidence), score
 
     def _decoded(self, canvas: np.ndarray) -> tuple[np.ndarray, Region, Mouth | None]:
         """Fine log-odds, the part of the canvas that they are of, and the mouth there."""
         coarse, region = self._coarse(shrunk(canvas))
-        odds = self._steadied(canvas, fine_odds(canvas, coarse, region))
+        odds = self._steadied(canvas, fine_odds(canvas, coarse, region), region)
         return odds, region, decode(odds, region, self.settings.lean)
 
-    def _steadied(self, canvas: np.ndarray, odds: np.ndarray) -> np.ndarray:
+    def _steadied(self, canvas: np.ndarray, odds: np.ndarray, region: Region) -> np.ndarray:
         """Log-odds drawn towards those of the frame before where the picture is the same: noise is not movement."""
-        earlier, settings = self._earlier, self.settings
-        if earlier is not None and settings.steady > 0:
-            box, seen, known = earlier
-            if box is not self._box:
-                back = _warp(self._box, box)
-                seen = cv2.warpAffine(seen, back, CANVAS[::-1], flags=_BACKWARDS, borderMode=cv2.BORDER_REPLICATE)
-                known = np.stack(
-                    [
-                        cv2.warpAffine(each, back, CANVAS[::-1], flags=_BACKWARDS, borderValue=ELSEWHERE)
-                        for each in known
-                    ]
-                )
-            _steady(canvas, seen, odds, known, settings.steady, settings.change)
-        self._earlier = (self._box, canvas, odds)
+        settings = self.settings
+        if self._earlier is not None and settings.steady > 0:
+            box, *before = self._earlier
+            steady(canvas, odds, region, *before, self._box.onto(box), settings.steady, settings.change)
+        self._earlier = (self._box, canvas, odds, region)
         return odds
 
     def _coarse(self, canvas: np.ndarray) -> tuple[np.ndarray, Region]:
@@ -491,8 +448,8 @@ class _Detector:
         if not seen.width_px >= MIN_WIDTH_PX:
             return
         steps = (
-            np.hypot(seen.row - now.row, seen.col - now.col) / (s.move_mw * now.width_px),
-            np.log(seen.width_px / now.width_px) / s.resize,
+            math.hypot(seen.row - now.row, seen.col - now.col) / (s.move_mw * now.width_px),
+            math.log(seen.width_px / now.width_px) / s.resize,
             (seen.roll_rad - now.roll_rad) / s.turn_rad,
         )
         if self._settled:
@@ -502,10 +459,10 @@ class _Detector:
         if max(move, resize, turn) == 0:
             return
         self._box = Box(
-            float(now.row + move * (seen.row - now.row)),
-            float(now.col + move * (seen.col - now.col)),
-            now.width_px * float(np.clip((seen.width_px / now.width_px) ** resize, 0.8, 1.25)),
-            float(now.roll_rad + turn * (seen.roll_rad - now.roll_rad)),
+            now.row + move * (seen.row - now.row),
+            now.col + move * (seen.col - now.col),
+            now.width_px * min(max((seen.width_px / now.width_px) ** resize, 0.8), 1.25),
+            now.roll_rad + turn * (seen.roll_rad - now.roll_rad),
         )
         if max(move, resize, turn) > 0.5:
             self._region = self._seen = None

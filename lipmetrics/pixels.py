@@ -117,47 +117,48 @@ def averaged_rgb(
     picture: av.VideoFrame,
     turn: Turn,
     region: tuple[int, int, int, int],
-    shrink: int,
+    block: tuple[int, int],
     reformatter: VideoReformatter,
 ) -> np.ndarray:
-    """Means of `to_rgb` over blocks of shrink x shrink px; what is left at the region's end is left out.
+    """Means of `to_rgb` over blocks of so many rows and columns; what is left at the region's end is left out.
 
     Of common pixel formats the planes are averaged and only then converted: much less work, and but for rounding
     the same. A region only where `can_cut`.
     """
-    if shrink > planes.MAX_SHRINK or picture.format.name not in planes.FORMATS:
-        return averaged(to_rgb(picture, turn, region, reformatter), shrink)
+    if max(block) > planes.MAX_BLOCK or picture.format.name not in planes.FORMATS:
+        return averaged(to_rgb(picture, turn, region, reformatter), block)
     matrix = picture.colorspace if picture.colorspace in _MATRICES else _UNSPECIFIED
     if matrix not in planes.MATRICES:
-        return averaged(to_rgb(picture, turn, region, reformatter), shrink)
+        return averaged(to_rgb(picture, turn, region, reformatter), block)
     row0, row1, col0, col1 = region
-    size = ((row1 - row0) // shrink, (col1 - col0) // shrink)
-    part = (row0, row0 + size[0] * shrink, col0, col0 + size[1] * shrink)
+    size = ((row1 - row0) // block[0], (col1 - col0) // block[1])
+    part = (row0, row0 + size[0] * block[0], col0, col0 + size[1] * block[1])
     top, _, left, _ = _stored_region(part, turn, *displayed_size(picture, turn))
     pixels = planes.averaged_rgb(
         [_samples(plane) for plane in picture.planes],
         planes.FORMATS[picture.format.name],
         (top, left),
         size[::-1] if turn.transpose else size,
-        shrink,
+        block[::-1] if turn.transpose else block,
         planes.coefficients(matrix, picture.format.name.startswith("yuvj") or picture.color_range == planes.FULL_RANGE),
     )
     return np.ascontiguousarray(_turned(pixels, turn))
 
 
-def averaged(pixels: np.ndarray, shrink: int) -> np.ndarray:
-    """Means (h // shrink, w // shrink, channels) of an array over blocks; what is left at its end is left out."""
-    if shrink == 1:
+def averaged(pixels: np.ndarray, block: tuple[int, int]) -> np.ndarray:
+    """Means of an array (h, w, channels) over blocks of so many rows and columns; the rest at its end is left out."""
+    if block == (1, 1):
         return pixels
-    high, wide = pixels.shape[0] // shrink, pixels.shape[1] // shrink
-    return cv2.resize(pixels[: high * shrink, : wide * shrink], (wide, high), interpolation=cv2.INTER_AREA)
+    high, wide = pixels.shape[0] // block[0], pixels.shape[1] // block[1]
+    whole = pixels[: high * block[0], : wide * block[1]]
+    return cv2.resize(whole, (wide, high), interpolation=cv2.INTER_AREA)
 
 
-def averaged_region(frame, region: tuple[int, int, int, int], shrink: int) -> np.ndarray:
+def averaged_region(frame, region: tuple[int, int, int, int], block: tuple[int, int]) -> np.ndarray:
     """Means of `frame.rgb(region)` over blocks, by the frame itself where it knows a shorter way."""
     if hasattr(frame, "averaged"):
-        return frame.averaged(region, shrink)
-    return averaged(frame.rgb(region), shrink)
+        return frame.averaged(region, block)
+    return averaged(frame.rgb(region), block)
 
 
 def _stored_region(region: tuple[int, int, int, int], turn: Turn, height: int, width: int) -> tuple[int, int, int, int]:

@@ -25,7 +25,7 @@ _COEFFICIENTS = {
     9: (110013, 140363, -12277, -42626),
 }
 MATRICES = frozenset(_COEFFICIENTS)
-MAX_SHRINK = 256  # sums of more rows would not fit 16 bits
+MAX_BLOCK = 256  # sums of more rows would not fit 16 bits
 _EIGHTHS = 3  # samples are kept in eighths, as bits
 
 
@@ -48,27 +48,27 @@ def averaged_rgb(
     chroma_shifts: tuple[int, int],
     place: tuple[int, int],
     size: tuple[int, int],
-    shrink: int,
+    block: tuple[int, int],
     coefficients: np.ndarray,
 ) -> np.ndarray:
-    """RGB (*size, 3) uint8 of means over blocks of shrink x shrink px.
+    """RGB (*size, 3) uint8 of means over blocks of so many rows and columns.
 
     samples : Y, U and V (rows, cols) uint8; place : row and column, in Y, where the first block begins
     """
     means = np.empty((3, *size), np.int16)
     out = np.empty((*size, 3), np.uint8)
-    _block_means(samples[0], *place, 0, 0, shrink, means[0])
+    _block_means(samples[0], *place, 0, 0, *block, means[0])
     for plane, mean in zip(samples[1:], means[1:], strict=True):
-        _block_means(plane, *place, *chroma_shifts, shrink, mean)
-    _to_rgb(means, coefficients, shrink == 1, out)
+        _block_means(plane, *place, *chroma_shifts, *block, mean)
+    _to_rgb(means, coefficients, block == (1, 1), out)
     return out
 
 
 @numba.njit(cache=True, nogil=True)
-def _block_means(plane, row, col, row_shift, col_shift, shrink, out):
+def _block_means(plane, row, col, row_shift, col_shift, down, across, out):
     """Means in eighths of blocks that begin at row, col, of a plane that has 1 sample for 2**shift rows or columns."""
     height, width = out.shape
-    if shrink == 1:
+    if down == across == 1:
         for i in range(height):
             source, line = plane[(row + i) >> row_shift], out[i]
             if col_shift:
@@ -79,10 +79,9 @@ def _block_means(plane, row, col, row_shift, col_shift, shrink, out):
                 for j in range(width):
                     line[j] = part[j] << 3
         return
-    down, across = shrink, shrink
-    if row_shift and shrink % 2 == row % 2 == 0:
+    if row_shift and down % 2 == row % 2 == 0:
         row, down, row_shift = row >> 1, down >> 1, 0
-    if col_shift and shrink % 2 == col % 2 == 0:
+    if col_shift and across % 2 == col % 2 == 0:
         col, across, col_shift = col >> 1, across >> 1, 0
     first, last = col >> col_shift, (col + across * width - 1) >> col_shift
     sums = np.zeros(last + 2 - first, np.uint16)  # over the rows of a block; one more, which is 0

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 from drawn_mouth import AskedFrame
 
-from lipmetrics.box import CANVAS, COARSE, MOUTH, Box, lay_canvas, nine_of_sixteen
+from lipmetrics.box import ASPECT, CANVAS, COARSE, MOUTH, Box, lay_canvas, narrowed, nine_of_sixteen
 
 MIDDLE = (np.array(CANVAS) - 1) / 2
 
@@ -27,6 +27,16 @@ def test_to_canvas_undoes_to_picture():
         box = Box(*rng.uniform(-50, 500, 2), rng.uniform(5, 900), rng.uniform(-0.7, 0.7))
         points = rng.uniform(-20, 150, (30, 2))
         assert box.to_canvas(box.to_picture(points)) == pytest.approx(points, abs=1e-9)
+
+
+def test_from_canvas_to_canvas_is_through_the_picture():
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        one, other = (Box(*rng.uniform(-50, 500, 2), rng.uniform(20, 200), rng.uniform(-0.7, 0.7)) for _ in range(2))
+        points = rng.uniform(-20, 150, (30, 2))
+        through = other.to_canvas(one.to_picture(points))
+        assert np.column_stack([points, np.ones(30)]) @ one.onto(other).T == pytest.approx(through)
+        assert one.place(*points[0]) == pytest.approx(one.to_picture(points[:1])[0])
 
 
 def test_the_mouth_fills_its_share_of_the_canvas():
@@ -55,7 +65,7 @@ def test_the_mouth_fills_its_share_of_the_canvas():
 def test_the_canvas_shows_the_place_it_lies_on(box, size):
     canvas = lay_canvas(AskedFrame(ramp(900, 920)), box, size)
     off = canvas[..., :2] - places(box, size)
-    step = box.scale * CANVAS[1] / size[1]  # picture px per canvas px
+    step = ASPECT * box.scale * CANVAS[1] / size[1]  # picture px per column
     assert np.abs(off).max() < 0.03 + 0.03 * step
     assert np.abs(off.mean(axis=(0, 1))).max() < 0.02
 
@@ -76,7 +86,7 @@ def test_a_canvas_smaller_than_its_place_shows_averages_of_it(width_px, size):
 def test_beyond_the_picture_its_edge_is_repeated(box, size):
     canvas = lay_canvas(AskedFrame(ramp(240, 250)), box, size)
     expected = np.clip(places(box, size), 0, (239, 249))
-    assert np.abs(canvas[..., :2] - expected).max() < max(1.5, 1.1 * box.scale * CANVAS[1] / size[1])
+    assert np.abs(canvas[..., :2] - expected).max() < max(1.5, 1.1 * ASPECT * box.scale * CANVAS[1] / size[1])
 
 
 def test_only_what_lies_under_the_canvas_is_asked_for():
@@ -89,8 +99,8 @@ def test_only_what_lies_under_the_canvas_is_asked_for():
     low, high = np.array(region[::2]), np.array(region[1::2])
     assert (low <= hull.min(axis=0)).all()
     assert (high > hull.max(axis=0)).all()
-    assert (low >= hull.min(axis=0) - 4 - box.scale).all()
-    assert (high <= hull.max(axis=0) + 6 + box.scale).all()
+    assert (low >= hull.min(axis=0) - 5 - 2 * ASPECT * box.scale).all()
+    assert (high <= hull.max(axis=0) + 6 + 2 * ASPECT * box.scale).all()
 
 
 def test_nothing_is_asked_for_where_the_canvas_misses_the_picture():
@@ -107,6 +117,13 @@ def test_a_tiny_picture_fills_the_canvas(side):
     assert (canvas.shape, canvas.dtype) == ((*CANVAS, 3), np.uint8)
     assert (canvas == 77).all()
     assert (lay_canvas(AskedFrame(picture), Box(side / 2, side / 2, 900.0, 0.2)) == 77).all()
+
+
+def test_two_columns_become_their_mean():
+    picture = np.random.default_rng(0).integers(0, 256, (9, 14, 3)).astype(np.uint8)
+    means = picture.astype(float).reshape(9, 7, ASPECT, 3).mean(axis=2)
+    assert np.array_equal(narrowed(picture), np.round(means))
+    assert narrowed(picture.astype(float)) == pytest.approx(means)
 
 
 def test_nine_pixels_are_the_means_of_sixteen():

@@ -1,3 +1,4 @@
+from dataclasses import replace
 from itertools import combinations_with_replacement, product
 
 import numpy as np
@@ -6,6 +7,7 @@ from drawn_mouth import PLAIN, opened, overlap, plain
 
 from lipmetrics import decode as d
 from lipmetrics.artificial import Shape
+from lipmetrics.box import ASPECT
 from lipmetrics.decode import best_path, column_scores, decode, mean_path, switched
 
 
@@ -42,7 +44,7 @@ def test_the_mean_path_is_the_mean_of_all_paths():
     for _ in range(10):
         score = rng.normal(0, 2, (4, 4)).astype(np.float32)
         best = best_path(score, highest, lowest, COSTS)
-        every = list(paths(4, 4, highest, lowest, len(COSTS)))  # all rows are within STEEPEST of the best path
+        every = list(paths(4, 4, highest, lowest, len(COSTS)))  # all rows are within BAND of the best path
         weights = np.exp([sum_of(path, score, COSTS) / 1.5 for path in every])
         mean = np.average(every, axis=0, weights=weights)
         assert mean_path(score, best, highest, lowest, COSTS, 1.5) == pytest.approx(mean, abs=1e-5)
@@ -88,32 +90,37 @@ def test_column_scores_are_the_best_of_all_lips():
 
 def sure_odds(drawing, sure=3.0):
     """Log-odds (3, rows, cols) of one who knows the truth, never surer than `sure`."""
-    shares = np.stack([drawing.lip, drawing.opening, drawing.lower]).astype(np.float32)
-    return (sure * (2 * shares - 1)).astype(np.float32)
+    return (sure * (2 * np.stack([drawing.lip, drawing.opening, drawing.lower]) - 1)).astype(np.float32)
 
 
 def small(shape, face=PLAIN):
-    return plain(shape, (112, 128), 64.0, centre=(52.0, 63.0), face=face)
+    """A drawing on the canvas: what is drawn with square px has ASPECT columns made one."""
+    drawing = plain(shape, (112, 128), 64.0, centre=(52.0, 63.0), face=face)
+    shares = {
+        name: getattr(drawing, name).reshape(112, -1, ASPECT).mean(axis=-1) for name in ("lip", "opening", "lower")
+    }
+    corners = (drawing.corners + 0.5) / (1, ASPECT) - 0.5
+    return replace(drawing, corners=corners, **shares)
 
 
 @pytest.mark.parametrize("true_mw", [0.0, 0.06, 0.15, 0.4, 0.7])
 def test_what_was_drawn_is_found_again(true_mw):
     drawing = small(opened(true_mw))
     mouth = decode(sure_odds(drawing))
-    assert np.hypot(*(mouth.corners - drawing.corners).T).max() < 4
-    openings = mouth.openings(6.0)
+    assert np.hypot(*((mouth.corners - drawing.corners) * (1, ASPECT)).T).max() < 4
+    openings = mouth.openings(3.0)
     if true_mw == 0:
         assert openings == []
         return
     (opening,) = openings
     assert opening.height == pytest.approx(64 * true_mw, abs=1.5)
     assert overlap([opening.outline], drawing.opening) > (0.9 if true_mw > 0.1 else 0.7)
-    assert opening.evidence > 50
+    assert opening.evidence > 25
 
 
 def test_lips_that_stick_leave_two_openings():
     drawing = small(opened(0.2, glued=((-0.15, 0.2),)))
-    openings = decode(sure_odds(drawing)).openings(6.0)
+    openings = decode(sure_odds(drawing)).openings(3.0)
     assert len(openings) == 2
     assert overlap([each.outline for each in openings], drawing.opening) > 0.85
 
@@ -122,28 +129,28 @@ def test_lips_that_stick_leave_two_openings():
 def test_what_has_no_lip_on_one_side_is_no_opening(place):
     drawing = small(Shape())
     odds = sure_odds(drawing)
-    rows = np.flatnonzero(drawing.lip[:, 64] > 0.5)
-    lower = np.flatnonzero(drawing.lower[:, 64] > 0.5)
+    rows = np.flatnonzero(drawing.lip[:, 32] > 0.5)
+    lower = np.flatnonzero(drawing.lower[:, 32] > 0.5)
     top = {
         "under the lower lip": rows[-1] + 3,
         "between nose and upper lip": rows[0] - 10,
         "in the lower lip": lower[len(lower) // 2] - 1,
     }[place]
     height = 3 if place == "in the lower lip" else 8
-    odds[:2, top : top + height, 50:78] = 3.0
-    odds[2, top : top + height, 50:78] = -3.0
-    assert [each for each in decode(odds).openings(6.0) if each.evidence > 15] == []
+    odds[:2, top : top + height, 25:39] = 3.0
+    odds[2, top : top + height, 25:39] = -3.0
+    assert [each for each in decode(odds).openings(3.0) if each.evidence > 7.5] == []
     wide_open = sure_odds(small(opened(0.3)))
-    assert decode(wide_open).openings(6.0)[0].evidence > 15
+    assert decode(wide_open).openings(3.0)[0].evidence > 7.5
 
 
 def test_teeth_and_tongue_do_not_break_an_opening():
     drawing = small(opened(0.35))
     odds = sure_odds(drawing)
     inside = drawing.opening > 0.5
-    rows = np.flatnonzero(inside[:, 64])
-    odds[1, rows[3] : rows[8], 55:75] = -1.0  # not seen as opening
-    (opening,) = decode(odds).openings(6.0)
+    rows = np.flatnonzero(inside[:, 32])
+    odds[1, rows[3] : rows[8], 27:37] = -1.0  # not seen as opening
+    (opening,) = decode(odds).openings(3.0)
     assert overlap([opening.outline], drawing.opening) > 0.85
 
 
@@ -157,7 +164,7 @@ def test_borders_lie_between_pixels():
             edges = np.clip(np.minimum(rows - top - shift, bottom + shift - rows), -3, 3)
             return np.where(across, edges, -3).astype(np.float32)
 
-        (opening,) = decode(np.stack([band(5, 33), band(14, 22), band(23, 33)])).openings(6.0)
+        (opening,) = decode(np.stack([band(5, 33), band(14, 22), band(23, 33)])).openings(3.0)
         middle = np.abs(opening.outline[:, 1] - 29.5) < 10
         found.append(np.sort(opening.outline[middle, 0]))
     steps = np.diff(found, axis=0)
@@ -169,14 +176,14 @@ def test_noise_hardly_moves_the_borders():
     rng = np.random.default_rng(4)
     odds = sure_odds(small(opened(0.3)))
     noisy = [
-        decode((odds + rng.normal(0, 1, odds.shape)).astype(np.float32)).openings(6.0)[0].height for _ in range(20)
+        decode((odds + rng.normal(0, 1, odds.shape)).astype(np.float32)).openings(3.0)[0].height for _ in range(20)
     ]
     assert np.std(noisy) < 0.3
 
 
 def test_a_region_gives_the_same_mouth_in_px_of_the_map():
     odds = sure_odds(small(opened(0.3)))
-    whole, part = decode(odds), decode(odds, (20, 100, 20, 110))
+    whole, part = decode(odds), decode(odds, (20, 100, 10, 55))
     assert (whole.left, whole.right) == (part.left, part.right)
     assert whole.upper == pytest.approx(part.upper)
     assert whole.lower == pytest.approx(part.lower)
@@ -184,7 +191,7 @@ def test_a_region_gives_the_same_mouth_in_px_of_the_map():
 
 def test_nothing_is_found_on_nothing():
     assert decode(np.full((3, 30, 40), -4.0, np.float32)) is None
-    assert decode(np.full((3, 30, 2), 4.0, np.float32)) is None
+    assert decode(np.full((3, 30, 1), 4.0, np.float32)) is None
 
 
 def test_quantiles_are_those_of_numpy():

@@ -4,16 +4,16 @@ from drawn_mouth import opened, plain
 from scipy.ndimage import uniform_filter
 
 from lipmetrics import features
-from lipmetrics.box import CANVAS, COARSE, MOUTH
-from lipmetrics.features import OCTAVE, PAD
+from lipmetrics.box import ASPECT, CANVAS, COARSE, MOUTH, narrowed
+from lipmetrics.features import BLUR_WIDTHS, OCTAVE, PAD, REACH
 
-INNER = (slice(None), slice(PAD, -PAD), slice(PAD, -PAD))
+INNER = (slice(None), *(slice(pad, -pad) for pad in PAD))
 
 
 def face(size=COARSE):
     """(*size, 3) uint8: a face that fills a canvas as the method lays it; no pixel is near black or white."""
-    picture = plain(opened(0.2), size, MOUTH * size[1] / CANVAS[1]).picture
-    return (60 + picture * (130 / 255)).astype(np.uint8)
+    picture = plain(opened(0.2), (size[0], ASPECT * size[1]), ASPECT * MOUTH * size[1] / CANVAS[1]).picture
+    return narrowed((60 + picture * (130 / 255)).astype(np.uint8))
 
 
 def gained(picture, *gains):
@@ -50,7 +50,7 @@ SURE = 3.0
 def test_references_are_medians_of_the_lips_without_the_opening_and_of_the_skin():
     ratios = features.log_ratios(face(CANVAS))
     rows, cols = np.indices(CANVAS)
-    away = np.hypot(rows - 60, 0.5 * (cols - 64))
+    away = np.hypot(rows - 60, cols - 32)
     opening = np.where(away < 10, SURE, -SURE).astype(np.float32)
     where = (rows < 15) | (rows >= 40)
     lip = np.where(away < 14, SURE, np.where(rows < 40, -SURE, -0.5)).astype(np.float32)  # -0.5: neither lip nor skin
@@ -93,7 +93,7 @@ def fine(picture, region=None):
 def test_maps_hardly_change_with_light_and_white_balance(maps_of, size, count):
     picture = face(size)
     maps = maps_of(picture)
-    assert (maps.shape, maps.dtype) == ((count, size[0] + 2 * PAD, size[1] + 2 * PAD), np.uint8)
+    assert (maps.shape, maps.dtype) == ((count, size[0] + 2 * PAD[0], size[1] + 2 * PAD[1]), np.uint8)
     of_picture = maps[INNER][:12].astype(float)
     spread = of_picture.std(axis=(1, 2))
     assert spread.min() > 3
@@ -106,34 +106,33 @@ def test_maps_hardly_change_with_light_and_white_balance(maps_of, size, count):
 @pytest.mark.parametrize(("maps_of", "size"), [(coarse, COARSE), (fine, CANVAS)])
 def test_maps_of_a_part_are_that_part_of_the_maps(maps_of, size):
     picture = face(size)
-    row0, row1, col0, col1 = region = (5 * size[0] // 8, size[0] - 6, 21, size[1])
+    row0, row1, col0, col1 = region = (5 * size[0] // 8, size[0] - 6, 11, size[1])
     part, whole = maps_of(picture, region), maps_of(picture)
-    assert np.array_equal(part, whole[:, row0 : row1 + 2 * PAD, col0 : col1 + 2 * PAD])
+    assert np.array_equal(part, whole[:, row0 : row1 + 2 * PAD[0], col0 : col1 + 2 * PAD[1]])
 
 
 def edge_on(plane, reach):
-    """(H + 2 reach, W + 2 reach) float64: the plane with its edge going on."""
-    return np.pad(plane.astype(float), reach, mode="edge")
+    """(H + 2 reach[0], W + 2 reach[1]) float64: the plane with its edge going on."""
+    return np.pad(plane.astype(float), [(n, n) for n in reach], mode="edge")
 
 
 def quantised(plane, middle, gain):
     """In steps of 1/1024, as close as the method knows its gains."""
     slope, level = np.round(1024 * gain), np.round(1024 * (128.5 - gain * middle))
-    return np.clip(np.floor((slope * edge_on(plane, features.REACH) + level) / 1024), 0, 255)
+    return np.clip(np.floor((slope * edge_on(plane, REACH) + level) / 1024), 0, 255)
 
 
 def blurred(padded, box):
-    """Means of box x box pixels to the nearest whole number, of a plane padded by REACH; padded by PAD."""
-    mean = uniform_filter(padded, box)
-    cut = slice(features.REACH - PAD, PAD - features.REACH)
-    return np.floor(mean + 0.5)[cut, cut]
+    """Means of box x BLUR_WIDTHS[box] pixels to the nearest whole number, of a plane padded by REACH; padded by PAD."""
+    mean = uniform_filter(padded, (box, BLUR_WIDTHS[box]))
+    return np.floor(mean + 0.5)[tuple(slice(reach - pad, pad - reach) for reach, pad in zip(REACH, PAD, strict=True))]
 
 
 def test_coarse_maps_are_blurs_of_the_ratios_relative_to_the_middle():
     picture = face(COARSE)
     ratios, maps = features.log_ratios(picture), iter(coarse(picture))
     everywhere = np.zeros(COARSE, np.int8)
-    quantiles = features._quantiles(ratios, everywhere, 3, np.array([0.1, 0.5, 0.9]))[0]
+    quantiles = features._quantiles(ratios, everywhere, 2, np.array([0.1, 0.5, 0.9]))[0]
     for plane, gain, (low, middle, high) in zip(ratios, features.GAINS, quantiles, strict=True):
         for factor in (gain, features.SPREAD_GAIN / max(high - low, features.MIN_SPREAD)):
             for box in features.COARSE_BLURS:
@@ -152,20 +151,20 @@ def test_fine_maps_are_blurs_relative_to_lips_and_skin_and_of_the_log_odds():
                 expected = blurred(quantised(ratios[c], middles[k, c], gain), box)
                 assert np.array_equal(next(maps), expected), (c, k, box)
     for plane in odds:
-        padded = np.floor(np.clip(128 + 24 * edge_on(plane, features.REACH), 0, 255))
+        padded = np.floor(np.clip(128 + 24 * edge_on(plane, REACH), 0, 255))
         for box in features.ODDS_BLURS:
             assert np.array_equal(next(maps), blurred(padded, box)), box
     lip = np.clip(0.25 * odds[0] + 0.5, 0, 1)
     total = 1e-3 + lip.sum(axis=0)
     share = edge_on(np.floor(255 * lip.cumsum(axis=0) / total), PAD)
-    share[:PAD] = 0  # above the canvas there is no lip yet
+    share[: PAD[0]] = 0  # above the canvas there is no lip yet
     assert np.array_equal(next(maps), share)
     assert np.array_equal(next(maps), edge_on(np.floor(np.minimum(4 * total, 255)) * np.ones(CANVAS), PAD))
 
 
 @pytest.mark.parametrize("box", sorted({*features.COARSE_BLURS, *sum(features.FINE_BLURS, ()), *features.ODDS_BLURS}))
 def test_every_sum_a_box_can_have_is_divided_and_rounded_right(box):
-    area = box * box
+    area = box * BLUR_WIDTHS[box]
     sums = np.arange(255 * area + 1, dtype=np.uint64)
     half, times = area // 2, (1 << 23) // area + (box > 1)
     assert ((sums + half) * times < 1 << 32).all()
@@ -173,7 +172,7 @@ def test_every_sum_a_box_can_have_is_divided_and_rounded_right(box):
 
 
 def test_place_in_the_lips_runs_from_their_upper_to_their_lower_edge():
-    share, amount = fine(face(CANVAS))[-4:-2, PAD:-PAD, PAD:-PAD]
+    share, amount = fine(face(CANVAS))[-4:-2][INNER]
     assert (np.diff(share.astype(int), axis=0) >= 0).all()
     assert (share[:36] == 0).all()  # the lips are about row 56, some 30 rows of them
     assert (share[80:] >= 254).all()
@@ -186,11 +185,11 @@ def test_the_last_maps_are_the_place_on_the_canvas(maps_of, size):
     rows, cols = maps_of(face(size))[-2:]
     assert (rows[:, :1] == rows).all()
     assert (cols[:1] == cols).all()
-    inner_rows, inner_cols = rows[PAD:-PAD, 0], cols[0, PAD:-PAD]
+    inner_rows, inner_cols = rows[PAD[0] : -PAD[0], 0], cols[0, PAD[1] : -PAD[1]]
     assert inner_rows == pytest.approx(np.linspace(0, 255, size[0]), abs=1)
     assert inner_cols == pytest.approx(np.linspace(0, 255, size[1]), abs=1)
-    assert (rows[:PAD] == 0).all()
-    assert (rows[-PAD:] == 255).all()
+    assert (rows[: PAD[0]] == 0).all()
+    assert (rows[-PAD[0] :] == 255).all()
 
 
 @pytest.mark.parametrize("value", [0, 128, 255])

@@ -41,9 +41,9 @@ def slow_log_odds(forest, maps, pad, row, col):
     for questions, single, leaves in zip(forest.questions, forest.single, forest.leaves, strict=True):
         leaf = 0
         for d, (c, dr, dc, er, ec, threshold) in enumerate(questions):
-            answer = int(maps[c, pad + row + dr, pad + col + dc])
+            answer = int(maps[c, pad[0] + row + dr, pad[1] + col + dc])
             if not single[d]:
-                answer -= int(maps[c, pad + row + er, pad + col + ec])
+                answer -= int(maps[c, pad[0] + row + er, pad[1] + col + ec])
             leaf += (answer > threshold) << d
         total = total + leaves[leaf]
     return total
@@ -55,8 +55,8 @@ def slow_log_odds(forest, maps, pad, row, col):
 @pytest.mark.parametrize("depth", [1, 6, 8])
 def test_log_odds_equal_a_walk_through_the_trees_pixel_by_pixel(depth):
     rng = np.random.default_rng(depth)
-    forest, pad = random_forest(rng, depth), 4
-    maps = rng.integers(0, 256, (3, 9 + 2 * pad, 13 + 2 * pad)).astype(np.uint8)
+    forest, pad = random_forest(rng, depth), (5, 4)
+    maps = rng.integers(0, 256, (3, 9 + 2 * pad[0], 13 + 2 * pad[1])).astype(np.uint8)
     odds = log_odds(forest, maps, pad, (2, 9), (1, 12))
     slow = [[slow_log_odds(forest, maps, pad, row, col) for col in range(1, 12)] for row in range(2, 9)]
     np.testing.assert_allclose(odds, np.moveaxis(slow, -1, 0), atol=1e-5)
@@ -151,7 +151,9 @@ def test_the_same_canvas_is_drawn_every_time_and_another_for_every_number():
 def test_questions_stay_on_the_canvas_and_each_asks_something(stage):
     questions = train.random_questions(stage, _rng())
     parts = questions.parts
-    assert parts.shape == (stage.questions, 5) and abs(parts[:, 1:]).max() <= MAX_OFFSET <= PAD
+    assert parts.shape == (stage.questions, 5)
+    assert (np.array(PAD) >= MAX_OFFSET).all()
+    assert (abs(parts[:, 1:]).reshape(-1, 2, 2).max(axis=(0, 1)) <= MAX_OFFSET).all()
     assert set(parts[:, 0]) == set(range(stage.maps))
     position = parts[:, 0] >= stage.maps - train.POSITION_MAPS
     assert questions.single[position].all() and not parts[position, 1:].any()
@@ -162,14 +164,14 @@ def test_questions_stay_on_the_canvas_and_each_asks_something(stage):
 
 def test_answers_are_differences_of_map_values():
     rng = np.random.default_rng(0)
-    maps = rng.integers(0, 256, (2, 5 + 2 * PAD, 6 + 2 * PAD)).astype(np.uint8)
+    maps = rng.integers(0, 256, (2, 5 + 2 * PAD[0], 6 + 2 * PAD[1])).astype(np.uint8)
     parts = np.array([(0, 2, -3, 0, 0), (1, -4, 5, 1, 7), (1, 1, 1, 0, 0)], np.int32)
     questions = train.Questions(parts, np.array([False, False, True]))
     answers = train.ask(questions, maps, np.array([3]), np.array([4]))
-    by_hand = maps.astype(int)[:, PAD:, PAD:]
+    by_hand = maps.astype(int)[:, PAD[0] :, PAD[1] :]
     np.testing.assert_array_equal(
         answers[:, 0],
-        [by_hand[0, 5, 1] - by_hand[0, 3, 4], maps[1, PAD - 1, PAD + 9] - by_hand[1, 4, 11], by_hand[1, 4, 5]],
+        [by_hand[0, 5, 1] - by_hand[0, 3, 4], maps[1, PAD[0] - 1, PAD[1] + 9] - by_hand[1, 4, 11], by_hand[1, 4, 5]],
     )
 
 
