@@ -31,7 +31,7 @@ import numpy as np
 import lipmetrics
 from lipmetrics.artificial import draw, lip_curves, photograph, random_camera, random_face
 from lipmetrics.atomic import whole_file
-from lipmetrics.box import ASPECT, CANVAS, COARSE, MOUTH, narrowed
+from lipmetrics.box import ASPECT, CANVAS, COARSE, MOUTH
 from lipmetrics.features import COARSE_COUNT, FINE_COUNT, MAX_OFFSET, PAD
 from lipmetrics.forest import Forest, log_odds, save_forests
 from lipmetrics.lips import LIP, coarse_inputs, fine_inputs, shrunk
@@ -168,8 +168,13 @@ def draw_canvas(kind: CanvasSet, rng: np.random.Generator) -> tuple[np.ndarray, 
         rng=rng,
         supersample=1,  # four times faster than 2; the camera blurs most of its jagged lines
     )
-    shares = np.stack([drawing.lip, drawing.opening, drawing.lower])
-    return narrowed(drawing.picture), shares.reshape(*shares.shape[:-1], -1, ASPECT).mean(axis=-1)
+    shares = (drawing.lip, drawing.opening, drawing.lower)
+    return narrowed(drawing.picture), np.stack([narrowed(share) for share in shares])
+
+
+def narrowed(square: np.ndarray) -> np.ndarray:
+    """What is drawn with square px (rows, cols, ...) on a canvas: ASPECT columns are made one."""
+    return cv2.resize(square, (square.shape[1] // ASPECT, square.shape[0]), interpolation=cv2.INTER_AREA)
 
 
 def draw_texture(size: tuple[int, int], rng: np.random.Generator) -> np.ndarray:

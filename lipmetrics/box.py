@@ -104,27 +104,6 @@ def lay_canvas(frame, box: Box, size: tuple[int, int] = CANVAS) -> np.ndarray | 
     )
 
 
-def narrowed(square: np.ndarray) -> np.ndarray:
-    """A picture (rows, cols, 3) of square px averaged over ASPECT columns: (rows, cols / ASPECT, 3)."""
-    rows, cols = square.shape[:2]
-    if square.dtype != np.uint8:
-        return square.reshape(rows, cols // ASPECT, ASPECT, 3).mean(axis=2, dtype=square.dtype)
-    out = np.empty((rows, cols // ASPECT, 3), np.uint8)
-    _narrowed(square.reshape(rows, -1), out.reshape(rows, -1))
-    return out
-
-
-@numba.njit(cache=True, nogil=True)
-def _narrowed(square, out):
-    """Means of neighbouring columns, a half goes to the even number; rows of both are flat."""
-    for i in range(out.shape[0]):
-        line, target = square[i], out[i]
-        for j in range(target.size // 3):
-            for k in range(3):
-                total = np.uint16(line[6 * j + k]) + np.uint16(line[6 * j + 3 + k])
-                target[3 * j + k] = (total + (total >> 1 & 1)) >> 1
-
-
 def nine_of_sixteen(picture: np.ndarray) -> np.ndarray:
     """A picture (16 m, 16 n, 3) uint8 averaged over its area down to (9 m, 9 n, 3), as CANVAS is to COARSE."""
     rows, cols = 9 * picture.shape[0] // 16, 9 * picture.shape[1] // 16

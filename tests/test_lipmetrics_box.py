@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 from drawn_mouth import AskedFrame
 
-from lipmetrics.box import ASPECT, CANVAS, COARSE, MOUTH, Box, lay_canvas, narrowed, nine_of_sixteen
+from lipmetrics.box import ASPECT, CANVAS, COARSE, MOUTH, Box, lay_canvas, nine_of_sixteen
 
 MIDDLE = (np.array(CANVAS) - 1) / 2
 
@@ -117,13 +117,6 @@ def test_a_tiny_picture_fills_the_canvas(side):
     assert (canvas.shape, canvas.dtype) == ((*CANVAS, 3), np.uint8)
     assert (canvas == 77).all()
     assert (lay_canvas(AskedFrame(picture), Box(side / 2, side / 2, 900.0, 0.2)) == 77).all()
-
-
-def test_two_columns_become_their_mean():
-    picture = np.random.default_rng(0).integers(0, 256, (9, 14, 3)).astype(np.uint8)
-    means = picture.astype(float).reshape(9, 7, ASPECT, 3).mean(axis=2)
-    assert np.array_equal(narrowed(picture), np.round(means))
-    assert narrowed(picture.astype(float)) == pytest.approx(means)
 
 
 def test_nine_pixels_are_the_means_of_sixteen():

@@ -4,7 +4,7 @@ from drawn_mouth import opened, plain
 from scipy.ndimage import uniform_filter
 
 from lipmetrics import features
-from lipmetrics.box import ASPECT, CANVAS, COARSE, MOUTH, narrowed
+from lipmetrics.box import ASPECT, CANVAS, COARSE, MOUTH
 from lipmetrics.features import BLUR_WIDTHS, OCTAVE, PAD, REACH
 
 INNER = (slice(None), *(slice(pad, -pad) for pad in PAD))
@@ -13,7 +13,7 @@ INNER = (slice(None), *(slice(pad, -pad) for pad in PAD))
 def face(size=COARSE):
     """(*size, 3) uint8: a face that fills a canvas as the method lays it; no pixel is near black or white."""
     picture = plain(opened(0.2), (size[0], ASPECT * size[1]), ASPECT * MOUTH * size[1] / CANVAS[1]).picture
-    return narrowed((60 + picture * (130 / 255)).astype(np.uint8))
+    return (60 + picture[:, ::ASPECT] * (130 / 255)).astype(np.uint8)
 
 
 def gained(picture, *gains):
