@@ -48,7 +48,7 @@ AS_IT_COMES = {"as it comes": ({}, 1), "every 2nd frame": ({}, 2), "every 3rd fr
 VARIANTS: dict[str, dict[str, tuple[dict[str, object], int]]] = {
     "default": AS_IT_COMES
     | {f"keeps {steady:g} of the frame before": ({"steady": steady}, 1) for steady in (0.0, 0.8)}
-    | {f"open above evidence {least:g}": ({"sure_above": least}, 1) for least in (10.0, 40.0)}
+    | {f"open above evidence {least:g}": ({"sure_above": least}, 1) for least in (5.0, 20.0)}
     | {f"leans by {lean:g} towards open": ({"lean": lean}, 1) for lean in (0.0, 0.8)}
     | {f"canvas follows half of {far:g} mw": ({"move_mw": far}, 1) for far in (0.03, 0.12)},
     "thesis": AS_IT_COMES

@@ -84,14 +84,9 @@ class Mouth:
         return np.array([(self.seam[:2].mean(), self.left - 0.5), (self.seam[-2:].mean(), self.right - 0.5)])
 
     @cached_property
-    def highest(self) -> float:
-        """The highest row of the lips."""
-        return float(self.top.min())
-
-    @cached_property
-    def lowest(self) -> float:
-        """The lowest row of the lips."""
-        return float(self.bottom.max())
+    def extent(self) -> tuple[float, float, float, float]:
+        """Highest and lowest row of the lips, and where its columns begin and end."""
+        return float(self.top.min()), float(self.bottom.max()), self.left - 0.5, self.right - 0.5
 
     @cached_property
     def middle(self) -> tuple[float, float]:
@@ -291,11 +286,13 @@ def best_path(score, highest, lowest, costs):
             value[:] = before[reach : reach + rows] - costs[0]
             for jump in range(1, reach + 1):
                 for sign in (-1, 1):
-                    for i in range(rows):
-                        other = before[reach + i + sign * jump] - costs[jump]
-                        if other > value[i]:
-                            value[i] = other
-                            came[j, i] = sign * jump
+                    first = reach + sign * jump
+                    others, here, by, cost = before[first : first + rows], came[j], np.int8(sign * jump), costs[jump]
+                    for i in range(value.size):
+                        other = others[i] - cost
+                        better = other > value[i]
+                        value[i] = other if better else value[i]
+                        here[i] = by if better else here[i]
             value += score[:, j]
         else:
             value[:] = score[:, 0]

@@ -141,7 +141,7 @@ def _leaf_numbers(maps, stride, start, offsets, single, limits, leaf):
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _grow(maps, stride, start, rows, width, offsets, single, limits, fields, bits, steps, least, out):
+def _grow(maps, stride, start, rows, width, offsets, single, limits, fields, bits, steps, least, out, top, left):
     """maps (C, pixels of the padded canvas in a row); the asked-for rows begin at `start`, `stride` apart.
 
     The padding between two rows is asked along with them: one long run of comparisons beats many short ones.
@@ -178,19 +178,28 @@ def _grow(maps, stride, start, rows, width, offsets, single, limits, fields, bit
     for k in range(steps.size):
         shift = bits * (k % per_word)
         for r in range(rows):
+            line, row = total[k // per_word, r], out[k, top + r, left : left + width]
             for j in range(width):
-                out[k, r, j] = least[k] + steps[k] * ((total[k // per_word, r, j] >> shift) & mask)
+                row[j] = least[k] + steps[k] * ((line[j] >> shift) & mask)
 
 
 def log_odds(
-    forest: Forest, maps: np.ndarray, pad: tuple[int, int], rows: tuple[int, int], cols: tuple[int, int]
+    forest: Forest,
+    maps: np.ndarray,
+    pad: tuple[int, int],
+    rows: tuple[int, int],
+    cols: tuple[int, int],
+    out: np.ndarray | None = None,
+    place: tuple[int, int] = (0, 0),
 ) -> np.ndarray:
     """Log-odds (K, rows, cols) float32 of the outputs at the pixels rows x cols.
 
+    out : (K, H, W) float32, larger, to write them into from `place` (row, column) on; a new array by default
     maps : (C, H + 2 pad[0], W + 2 pad[1]) uint8, padded by at least the largest offsets
     """
     (row0, row1), (col0, col1) = rows, cols
-    out = np.empty((forest.bias.size, row1 - row0, col1 - col0), np.float32)
+    if out is None:
+        out = np.empty((forest.bias.size, row1 - row0, col1 - col0), np.float32)
     stride, ready = maps.shape[2], forest.ready
     _grow(
         np.ascontiguousarray(maps).reshape(len(maps), -1),
@@ -206,5 +215,6 @@ def log_odds(
         ready.steps,
         ready.least,
         out,
+        *place,
     )
     return out

@@ -138,12 +138,8 @@ def fine_odds(canvas: np.ndarray, coarse: np.ndarray, region: Region | None = No
 
 def _odds(forest, maps: np.ndarray, size: tuple[int, int], region: Region | None) -> np.ndarray:
     row0, row1, col0, col1 = region or (0, size[0], 0, size[1])
-    inside = log_odds(forest, maps, features.PAD, (0, row1 - row0), (0, col1 - col0))
-    if region is None:
-        return inside
-    out = np.full((len(inside), *size), ELSEWHERE, np.float32)
-    out[:, row0:row1, col0:col1] = inside
-    return out
+    out = np.full((forest.bias.size, *size), ELSEWHERE, np.float32)
+    return log_odds(forest, maps, features.PAD, (0, row1 - row0), (0, col1 - col0), out, (row0, col0))
 
 
 @lru_cache(maxsize=1)
@@ -227,15 +223,25 @@ def moved_box(box: Box, lips: Lips, size: tuple[int, int]) -> Box:
     )
 
 
-def region_of(mouth: Mouth, size: tuple[int, int], other: tuple[int, int]) -> Region:
+Extent = tuple[float, float, float, float]  # top, bottom, left, right of a mouth on a canvas, in its px
+
+
+def region_of(extent: Extent, size: tuple[int, int], other: tuple[int, int]) -> Region:
     """The part of a canvas of the `other` size with a mouth found on one of `size`, and MARGIN px around it."""
     per_row, per_col = other[0] / size[0], other[1] / size[1]
-    return (
-        max(int((mouth.highest + 0.5) * per_row) - MARGIN[0], 0),
-        min(math.ceil((mouth.lowest + 0.5) * per_row) + MARGIN[0], other[0]),
-        max(int(mouth.left * per_col) - MARGIN[1], 0),
-        min(math.ceil(mouth.right * per_col) + MARGIN[1], other[1]),
-    )
+    top, bottom, left, right = extent
+    row0, col0 = int((top + 0.5) * per_row) - MARGIN[0], int((left + 0.5) * per_col) - MARGIN[1]
+    row1, col1 = math.ceil((bottom + 0.5) * per_row) + MARGIN[0], math.ceil((right + 0.5) * per_col) + MARGIN[1]
+    return max(row0, 0), min(row1, other[0]), max(col0, 0), min(col1, other[1])
+
+
+def moved_extent(extent: Extent, box: Box, other: Box) -> Extent:
+    """The extent on another box's canvas of what has the `extent` on that of `box`."""
+    top, bottom, left, right = extent
+    (rows, to_row, row), (cols, to_col, col) = box.onto(other).tolist()
+    down = [rows * r + to_row * c + row for r in (top, bottom) for c in (left, right)]
+    across = [cols * r + to_col * c + col for r in (top, bottom) for c in (left, right)]
+    return min(down), max(down), min(across), max(across)
 
 
 def union(one: Region, other: Region) -> Region:
@@ -246,9 +252,10 @@ def union(one: Region, other: Region) -> Region:
 def fits(mouth: Mouth, region: Region, size: tuple[int, int]) -> bool:
     """Whether a mouth on a canvas of `size` ends inside the region, or where the canvas ends."""
     row0, row1, col0, col1 = region
+    top, bottom, _, _ = mouth.extent
     return (
-        (mouth.highest > row0 or row0 == 0)
-        and (mouth.lowest < row1 - 1 or row1 == size[0])
+        (top > row0 or row0 == 0)
+        and (bottom < row1 - 1 or row1 == size[0])
         and (mouth.left > col0 or col0 == 0)
         and (mouth.right < col1 or col1 == size[1])
     )
@@ -269,7 +276,8 @@ def mouth_score(odds: np.ndarray, mouth: Mouth) -> float:
     off_size = math.log((mouth.right - mouth.left) / (cols * MOUTH / CANVAS[1]))
     middle = mouth.middle
     off_centre = math.hypot(middle[0] - (rows - 1) / 2, ASPECT * (middle[1] - (cols - 1) / 2)) / (ASPECT * cols)
-    runs_off = mouth.left == 0 or mouth.right == cols or mouth.highest < 0 or mouth.lowest > rows - 1
+    top, bottom, _, _ = mouth.extent
+    runs_off = mouth.left == 0 or mouth.right == cols or top < 0 or bottom > rows - 1
     score = chance * (1 - stray) * math.exp(-((off_size / 0.6) ** 2) - (off_centre / 0.25) ** 2)
     return score * (0.6 if runs_off else 1.0)
 
@@ -403,8 +411,12 @@ class _Detector:
         if self._look is not None:
             needed += settings.hysteresis if self._look.status == CLOSED else -settings.hysteresis
         outlines = [box.to_picture(each.outline) for each in openings if each.evidence >= needed]
-        self._region, self._seen = region_of(mouth, CANVAS, COARSE), region_of(mouth, CANVAS, CANVAS)
         self._follow(mouth_box(box, mouth, CANVAS))
+        if self._box is box or self._settled:
+            extent = mouth.extent if self._box is box else moved_extent(mouth.extent, box, self._box)
+            self._region, self._seen = region_of(extent, CANVAS, COARSE), region_of(extent, CANVAS, CANVAS)
+        else:
+            self._region = self._seen = None
         evidence = max((each.evidence for each in openings), default=0.0)
         decided = math.tanh(abs(math.log((evidence + 1) / (settings.sure_above + 1))) / 2)
         confidence = score * (0.3 + 0.7 * decided)
@@ -440,7 +452,7 @@ class _Detector:
             odds = _only(odds, region)  # as if it had not been looked at, so that the fine answer does not jump
         else:
             self._region, self._seen, seen = None, None, CENTRAL
-        return odds, seen if mouth is None else union(region_of(mouth, COARSE, CANVAS), seen)
+        return odds, seen if mouth is None else union(region_of(mouth.extent, COARSE, CANVAS), seen)
 
     def _follow(self, seen: Box) -> None:
         """Let the canvas of the next frame follow the mouth: wholly a mouth just found, else the more it has moved."""
@@ -464,8 +476,6 @@ class _Detector:
             now.width_px * min(max((seen.width_px / now.width_px) ** resize, 0.8), 1.25),
             now.roll_rad + turn * (seen.roll_rad - now.roll_rad),
         )
-        if max(move, resize, turn) > 0.5:
-            self._region = self._seen = None
 
 
 def make_detector(settings: LipSettings | None, info):
