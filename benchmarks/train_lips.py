@@ -63,11 +63,11 @@ FAR_MW = 1.4
 DRAWN = (CANVAS[0] * 3 // 4, CANVAS[1] * 3 // 4)  # coarse canvases are drawn larger and averaged down, as in use
 SETS = {
     # a mouth that is being followed, one frame later
-    "tight": CanvasSet(1, 8000, DRAWN, resize=0.13, move_mw=0.07, turn_rad=0.13, closed=0.25),
+    "tight": CanvasSet(1, 9000, DRAWN, resize=0.13, move_mw=0.07, turn_rad=0.13, closed=0.25),
     # places the search tries: a mouth of the wrong size, half of one, none
-    "wide": CanvasSet(2, 7000, DRAWN, resize=0.4, move_mw=0.3, turn_rad=0.2, closed=0.25, far=0.2, empty=0.12),
+    "wide": CanvasSet(2, 9000, DRAWN, resize=0.4, move_mw=0.3, turn_rad=0.2, closed=0.25, far=0.2, empty=0.12),
     # the canvas as it lies when the mouth is measured
-    "fine": CanvasSet(3, 11000, CANVAS, resize=0.07, move_mw=0.04, turn_rad=0.06, closed=0.3, far=0.05, empty=0.04),
+    "fine": CanvasSet(3, 13000, CANVAS, resize=0.07, move_mw=0.04, turn_rad=0.06, closed=0.3, far=0.05, empty=0.04),
 }
 
 
@@ -98,7 +98,7 @@ COARSE_STAGE = Stage(
     sets=("tight", "wide"),
     maps=COARSE_COUNT,
     outputs=3,  # the lower lip tells the fine stage on which side of it the opening lies
-    trees=50,  # 100: -5 %, but this stage runs at every place of a search
+    trees=70,  # 100: -3 %, but this stage runs at every place of a search
     depth=7,  # 5: +1 %, 8: -3 %; each level costs the same in use
     rate=0.3,  # 0.15: +5 %, 0.4: -2 %
     questions=1600,  # a pool drawn once is answered and binned once: 1.8 GB for all pixels
@@ -111,7 +111,7 @@ FINE_STAGE = Stage(
     sets=("fine",),
     maps=FINE_COUNT,
     outputs=3,  # the lower lip tells an opening from a shadow under the lip
-    trees=60,  # 90: -7 %, not seen on real faces, and every frame goes through them
+    trees=80,  # 60: +4 %, and every frame goes through them
     depth=8,  # 6: +3 %
     rate=0.4,  # 0.15: +10 %, 0.5: -5 %
     questions=1600,  # near and far ones; 1.3 GB for all pixels

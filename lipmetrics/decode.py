@@ -103,9 +103,13 @@ class Mouth:
         is_open = np.concatenate([[False], switched(self.evidence, switch), [False]])
         found = []
         for begin, end in np.flatnonzero(is_open[1:] != is_open[:-1]).reshape(-1, 2):
-            upper, lower, cols = self.upper[begin:end], self.lower[begin:end], np.arange(begin, end) + self.left
-            first, last = (((upper[k] + lower[k]) / 2, cols[k] + side) for k, side in ((0, -0.5), (-1, 0.5)))
-            outline = np.vstack([first, np.column_stack([upper, cols]), last, np.column_stack([lower, cols])[::-1]])
+            upper, lower, count = self.upper[begin:end], self.lower[begin:end], end - begin
+            outline = np.empty((2 * count + 2, 2))
+            outline[1 : count + 1, 0], outline[count + 2 :, 0] = upper, lower[::-1]
+            outline[1 : count + 1, 1] = np.arange(self.left + begin, self.left + end)
+            outline[count + 2 :, 1] = outline[count:0:-1, 1]
+            outline[0] = (upper[0] + lower[0]) / 2, self.left + begin - 0.5
+            outline[count + 1] = (upper[-1] + lower[-1]) / 2, self.left + end - 0.5
             found.append(Opening(outline, float((lower - upper).max()), float(self.evidence[begin:end].sum())))
         return found
 
