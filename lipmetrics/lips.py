@@ -21,7 +21,7 @@ from lipmetrics import features
 from lipmetrics.box import ASPECT, CANVAS, COARSE, MOUTH, Box, lay_canvas, nine_of_sixteen
 from lipmetrics.decode import Mouth, decode, sums_inside
 from lipmetrics.errors import InputError
-from lipmetrics.find import places
+from lipmetrics.find import Place, places
 from lipmetrics.forest import load_forest, log_odds
 from lipmetrics.look import CLOSED, NO_MOUTH, OPEN, Look
 from lipmetrics.regions import likeliest_region, middle_row, sums_over
@@ -292,22 +292,27 @@ def mouth_box(box: Box, mouth: Mouth, size: tuple[int, int]) -> Box:
     return Box(row, col, width, min(max(box.roll_rad + 0.7 * tilt, -STEEPEST_RAD), STEEPEST_RAD))
 
 
-def settle(frame, box: Box, steps: int) -> tuple[Box, float]:
-    """Move a box to the lips it sees, a few times; the box and its score, 0 where it sees none."""
-    score = 0.0
+def settle(frame, place: Place, box: Box, steps: int) -> tuple[Box, float]:
+    """Move a box to the lips it sees, a few times; the best of them and its score, 0 where it sees none.
+
+    The score is that of the look by which a box was found, times how likely a mouth lies there in this place.
+    """
+    best, best_score = box, 0.0
     for _ in range(steps):
         canvas = lay_canvas(frame, box, COARSE)
         if canvas is None:
-            return box, 0.0
+            break
         odds = coarse_odds(canvas)[LIP]
         lips = main_lips(odds)
         if lips is None:
-            return box, 0.0
-        score = lips_score(odds, lips)
+            break
         box = moved_box(box, lips, COARSE)
         if not MIN_WIDTH_PX <= box.width_px <= 4 * frame.width:
-            return box, 0.0
-    return box, score
+            break
+        score = lips_score(odds, lips) * place.likelihood(box)
+        if score > best_score:
+            best, best_score = box, score
+    return best, best_score
 
 
 class _Detector:
@@ -379,14 +384,13 @@ class _Detector:
         for place in places(frame):
             best, best_score = None, self.settings.found_in_face if place.is_face else self.settings.found_above
             for start in place.boxes:
-                box, score = settle(frame, start, 2)
-                score *= place.likelihood(box)
+                box, score = settle(frame, place, start, 2)
                 if score > best_score:
                     best, best_score = box, score
             if best:
                 self._pause = 1
                 self._in_face = place.is_face
-                self._box, _ = settle(frame, best, 2)
+                self._box, _ = settle(frame, place, best, 2)
                 return self.settings.lost_below if place.is_face else self.settings.confirmed_above
         self._rest = self._pause = min(2 * self._pause, 8)
         return None
