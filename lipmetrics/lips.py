@@ -66,9 +66,9 @@ class LipSettings:
     sure_above: float = 7.5
     switch: float = 3.0
     min_height_mw: float = 0.022
-    found_above: float = 0.45
+    found_above: float = 0.52
     found_in_face: float = 0.08
-    confirmed_above: float = 0.4
+    confirmed_above: float = 0.5
     lost_below: float = 0.1
     steady: float = 0.6
     change: float = 6.0
