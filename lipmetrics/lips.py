@@ -64,7 +64,7 @@ class LipSettings:
 
     lean: float = 0.4
     sure_above: float = 7.5
-    switch: float = 1.0
+    switch: float = 1.5
     min_height_mw: float = 0.022
     found_above: float = 0.52
     found_in_face: float = 0.08
