@@ -5,13 +5,14 @@ import numpy as np
 import pytest
 from drawn_mouth import PLAIN, AskedFrame, opened, overlap, plain
 
+from lipmetrics import lips
 from lipmetrics.artificial import Shape, draw, random_camera, random_face
 from lipmetrics.box import Box
 from lipmetrics.detect import make_detector
 from lipmetrics.errors import InputError
 from lipmetrics.find import IN_FACE, IN_FACE_SPREAD, Place
 from lipmetrics.frames import VideoInfo
-from lipmetrics.lips import LipSettings
+from lipmetrics.lips import LipSettings, moved_extent, settle
 from lipmetrics.look import CLOSED, NO_MOUTH, OPEN
 from lipmetrics.openings import measure_outline
 from lipmetrics.still import look_at
@@ -348,3 +349,27 @@ def test_a_mouth_found_outside_a_face_is_given_up_for_that_of_a_face(monkeypatch
     assert cols[0] == pytest.approx(0.25 * width, abs=8)
     assert cols[-1] == pytest.approx((0.75 if face_at == 0.75 else 0.25) * width, abs=8)
     assert len(calls) <= 4  # faces are looked for now and then only
+
+
+def test_the_search_keeps_the_best_box_it_has_seen(monkeypatch):
+    """Moving on to the lips that are seen can end on half a mouth, or on none."""
+    drawing = plain(opened(0.3))
+    row, col = drawing.corners.mean(axis=0)
+    place = Place([], (0.0, 0.0, 1e9, 1e9), IN_FACE, IN_FACE_SPREAD, least=1.0, is_face=False)
+    scores = iter([0.6, 0.9, 0.2])
+    monkeypatch.setattr(lips, "lips_score", lambda odds, found: next(scores))
+    boxes = []
+    move = lips.moved_box
+    monkeypatch.setattr(lips, "moved_box", lambda *args: boxes.append(move(*args)) or boxes[-1])
+    best, score = settle(AskedFrame(drawing.picture), place, Box(row, col, 150.0), 3)
+    assert len(boxes) == 3
+    assert (best, score) == (boxes[1], 0.9)
+
+
+def test_the_extent_of_a_mouth_moves_along_with_the_canvas():
+    box, other = Box(120.0, 160.0, 90.0, 0.2), Box(126.0, 150.0, 100.0, -0.1)
+    top, bottom, left, right = 40.0, 70.0, 15.5, 48.5
+    corners = np.array([(row, col) for row in (top, bottom) for col in (left, right)])
+    rows, cols = other.to_canvas(box.to_picture(corners)).T
+    expected = (rows.min(), rows.max(), cols.min(), cols.max())
+    assert moved_extent((top, bottom, left, right), box, other) == pytest.approx(expected)
