@@ -17,7 +17,7 @@ import numba as nb
 import numpy as np
 
 # Floors of probabilities: no pixel speaks more strongly against a part than the logarithm of its floor.
-LIP_FLOOR = OPENING_FLOOR = 0.05
+LIP_FLOOR, OPENING_FLOOR = 0.05, 0.03
 SKIN_FLOOR = 0.3  # what lies around a mouth - nostrils, beards, shadows - often looks like lips
 LEAST_LIP_PX, LEAST_LIP_COST = 2, 1.0  # lip expected over and under an opening, and the cost of each px less
 SEAM_COST, SIDE_COST = 1.0, 2.0  # of a jump: times its rows for the seam, times rows + rows^2 / 2 for a border

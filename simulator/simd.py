@@ -51,11 +51,13 @@ def zero(array: np.ndarray):
 
 
 RUN_ORDER = (0, 2, 4, 6, 1, 3, 5, 7)  # lanes of a run hold its elements in this order, which saves shuffles
-EDGES = ((0, 1), (3, 2), (4, 5), (7, 6))  # corners of a hexahedron that differ in xi only; eta changes first, then zeta
 
 
-def gather(records: np.ndarray, starts: np.ndarray, start: int):
-    """Vectors of the four columns of the records (N, 4) whose numbers times 4 are consecutive in the flat `starts`."""
+def gather(records: np.ndarray, starts: np.ndarray, start: int, run: int):
+    """Vectors of the four columns of the records (N, 4) whose numbers times 4 are consecutive in the flat `starts`.
+
+    `run` other than 0 promises that the records of 8 lanes are consecutive, in RUN_ORDER; they are read as they lie.
+    """
     rows = records[starts[start : start + LANES[records.dtype]] // 4]
     return rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 3]
 
@@ -66,38 +68,13 @@ def scatter_add(records: np.ndarray, starts: np.ndarray, start: int, x, y, z, w)
     np.add.at(records, starts[start : start + LANES[records.dtype]] // 4, rows)
 
 
-def gather_run_modes(scratch: np.ndarray, at: int, records: np.ndarray, starts: np.ndarray, start: int) -> None:
-    """Modes of x, y, z of a run of hexahedra; mode m of component i becomes vector 8 i + m of `scratch` from `at` on.
+def scatter_add_line(records: np.ndarray, starts: np.ndarray, a: int, b: int, run: int, xa, ya, za, xb, yb, zb) -> None:
+    """`scatter_add` of x, y, z at the places of two corners, `a` and `b`.
 
-    The modes are the sums over the corners of the values times xi, eta, zeta, eta zeta, xi zeta, xi eta, xi eta zeta.
-    A run is 8 elements in RUN_ORDER whose records are consecutive along each of the four EDGES; 4 times the number of
-    the first at corner a is `starts[start + 8 a]`. What neighbours share, the sums over a face, is worked out once.
+    `run` other than 0 promises a run at both, those of `b` one record on: each record is then read and written once.
     """
-    modes = np.zeros((7, 8, 3), records.dtype)
-    for rows, signs in _corners_of_run(starts, start):
-        modes += signs[:, None, None] * records[rows, :3]
-    for m in range(7):
-        for i in range(3):
-            store(scratch, at + (8 * i + m) * 8, modes[m, :, i])
-
-
-def scatter_run_modes(records: np.ndarray, starts: np.ndarray, start: int, scratch: np.ndarray, at: int) -> None:
-    """Add to the corners of a run the sum of the modes with the amplitudes in `scratch`: `gather_run_modes` transposed.
-
-    The 4th column gets anything finite, which saves a quarter of the shuffles.
-    """
-    for rows, signs in _corners_of_run(starts, start):
-        for i in range(3):
-            records[rows, i] += sum(signs[m] * load(scratch, at + (8 * i + m) * 8) for m in range(7))
-
-
-def _corners_of_run(starts, start):
-    """Records of the 8 elements at each corner, and the signs of the modes there."""
-    for number, edge in enumerate(EDGES):
-        for side in (0, 1):
-            xi, eta, zeta = 2 * side - 1, 2 * (number % 2) - 1, 2 * (number // 2) - 1
-            signs = np.array([xi, eta, zeta, eta * zeta, xi * zeta, xi * eta, xi * eta * zeta], np.float32)
-            yield starts[start + 8 * edge[0]] // 4 + side + np.array(RUN_ORDER), signs
+    scatter_add(records, starts, a, xa, ya, za, 0 * xa)
+    scatter_add(records, starts, b, xb, yb, zb, 0 * xb)
 
 
 def splat(like, value: float):
@@ -341,17 +318,48 @@ _HIGH_PAIRS = ((0, 2), (0, 3), (1, 2), (1, 3))
 
 @type_callable(gather)
 def _type_gather(context):
-    return lambda records, starts, start: types.UniTuple(_vector_of(records.dtype), 4)
+    return lambda records, starts, start, run: types.UniTuple(_vector_of(records.dtype), 4)
 
 
-@lower_builtin(gather, types.Array, types.Array, types.Integer)
+@lower_builtin(gather, types.Array, types.Array, types.Integer, types.Integer)
 def _lower_gather(context, builder, sig, args):
     lanes = sig.return_type.dtype.lanes
-    starts = _record_starts(context, builder, sig, args, lanes)
-    rows = [_load(context, builder, sig.args[0], args[0], at, 4) for at in starts]
-    if lanes == 8:
-        rows = [_shuffle(builder, rows[i], rows[i + 4], list(range(8))) for i in range(4)]
-    return context.make_tuple(builder, sig.return_type, _columns(builder, rows, lanes))
+
+    def by_number():
+        starts = _record_starts(context, builder, sig, args, lanes)
+        rows = [_load(context, builder, sig.args[0], args[0], at, 4) for at in starts]
+        if lanes == 8:
+            rows = [_shuffle(builder, rows[i], rows[i + 4], list(range(8))) for i in range(4)]
+        return _columns(builder, rows, lanes)
+
+    if lanes != 8:
+        return context.make_tuple(builder, sig.return_type, by_number())
+    with builder.if_else(_is_run(builder, args[3])) as (as_run, otherwise):
+        with as_run:
+            first = _first_start(context, builder, sig, args)
+            pairs = [builder.add(first, ir.Constant(first.type, 8 * i)) for i in range(4)]
+            lain = _columns(builder, [_load(context, builder, sig.args[0], args[0], at, 8) for at in pairs], lanes)
+            run_block = builder.block
+        with otherwise:
+            picked = by_number()
+            picked_block = builder.block
+    columns = []
+    for one, other in zip(lain, picked, strict=True):
+        phi = builder.phi(one.type)
+        phi.add_incoming(one, run_block)
+        phi.add_incoming(other, picked_block)
+        columns.append(phi)
+    return context.make_tuple(builder, sig.return_type, columns)
+
+
+def _is_run(builder, run):
+    return builder.icmp_signed("!=", run, ir.Constant(run.type, 0))
+
+
+def _first_start(context, builder, sig, args):
+    data = context.make_array(sig.args[1])(context, builder, args[1]).data
+    place = _as_intp(context, builder, args[2], sig.args[2])
+    return _as_intp(context, builder, builder.load(builder.gep(data, [place], inbounds=True)), sig.args[1].dtype)
 
 
 def _columns(builder, rows, lanes: int):
@@ -393,96 +401,41 @@ def _lower_scatter_add(context, builder, sig, args):
     return context.get_dummy_value()
 
 
-# Modes by their signs: sums over a face with equal or alternating zeta signs, and of these with equal or alternating eta
-# signs; then the mode whose xi signs are equal and the one whose alternate. The constant is none of the seven modes.
-_FACE_MODES = (("fadd", ((None, 0), (1, 5))), ("fsub", ((2, 4), (3, 6))))
+@type_callable(scatter_add_line)
+def _type_scatter_add_line(context):
+    return lambda records, starts, a, b, run, xa, ya, za, xb, yb, zb: types.void
 
 
-def _plus(builder, index, number: int):
-    return builder.add(index, ir.Constant(index.type, number))
+@lower_builtin(scatter_add_line, types.Array, types.Array, types.Integer, types.Integer, types.Integer, *(Vector,) * 6)
+def _lower_scatter_add_line(context, builder, sig, args):
+    vector = sig.args[5]
+    nothing = ir.Constant(context.get_value_type(vector), None)
+    types_a = signature(None, *sig.args[:3], vector, vector, vector, vector)
+    types_b = signature(None, *sig.args[:2], sig.args[3], vector, vector, vector, vector)
+    args_a, args_b = (*args[:3], *args[5:8], nothing), (*args[:2], args[3], *args[8:], nothing)
 
+    def by_number():
+        _lower_scatter_add(context, builder, types_a, args_a)
+        _lower_scatter_add(context, builder, types_b, args_b)
 
-def _edge_starts(context, builder, starts_type, starts, start):
-    """Flat index of the first record of each of the four edges of a run."""
-    data = context.make_array(starts_type)(context, builder, starts).data
-    loaded = [builder.load(builder.gep(data, [_plus(builder, start, 8 * a)], inbounds=True)) for a, _ in EDGES]
-    return [_as_intp(context, builder, at, starts_type.dtype) for at in loaded]
-
-
-def _one_record_on(builder, one, other):
-    """Second record of `one` and first of `other`, of vectors of two records."""
-    return _shuffle(builder, one, other, list(range(4, 12)))
-
-
-@type_callable(gather_run_modes)
-def _type_gather_run_modes(context):
-    return lambda scratch, at, records, starts, start: types.void
-
-
-@lower_builtin(gather_run_modes, types.Array, types.Integer, types.Array, types.Array, types.Integer)
-def _lower_gather_run_modes(context, builder, sig, args):
-    at, start = (_as_intp(context, builder, args[i], sig.args[i]) for i in (1, 4))
-    edges = _edge_starts(context, builder, sig.args[3], args[3], start)
-
-    def keep(mode, rows):
-        for i, column in enumerate(_columns(builder, rows, 8)[:3]):
-            _store(context, builder, sig.args[0], args[0], _plus(builder, at, (8 * i + mode) * 8), column)
-
-    # Vectors hold two records, x, y, z and w after one another, until a mode is complete.
-    for along_zeta, (eta_equal, eta_alternating) in _FACE_MODES:
-        equal, alternating = [], []
-        for pair in range(5):
-            e = [_load(context, builder, sig.args[2], args[2], _plus(builder, edge, 8 * pair), 8) for edge in edges]
-            lower, upper = getattr(builder, along_zeta)(e[2], e[0]), getattr(builder, along_zeta)(e[3], e[1])
-            equal.append(builder.fadd(upper, lower))
-            alternating.append(builder.fsub(upper, lower))
-        for faces, (xi_equal, xi_alternating) in ((equal, eta_equal), (alternating, eta_alternating)):
-            here, on = faces[:4], [_one_record_on(builder, *faces[j : j + 2]) for j in range(4)]
-            if xi_equal is not None:
-                keep(xi_equal, [builder.fadd(b, a) for a, b in zip(here, on, strict=True)])
-            keep(xi_alternating, [builder.fsub(b, a) for a, b in zip(here, on, strict=True)])
-    return context.get_dummy_value()
-
-
-@type_callable(scatter_run_modes)
-def _type_scatter_run_modes(context):
-    return lambda records, starts, start, scratch, at: types.void
-
-
-@lower_builtin(scatter_run_modes, types.Array, types.Array, types.Integer, types.Array, types.Integer)
-def _lower_scatter_run_modes(context, builder, sig, args):
-    start, at = (_as_intp(context, builder, args[i], sig.args[i]) for i in (2, 4))
-    edges = _edge_starts(context, builder, sig.args[1], args[1], start)
-    nothing = ir.Constant(ir.VectorType(ir.FloatType(), 8), None)
-
-    def rows(mode):
-        places = [_plus(builder, at, (8 * i + mode) * 8) for i in range(3)]
-        return _rows_of_three(builder, *(_load(context, builder, sig.args[3], args[3], p, 8) for p in places), 8)
-
-    def at_faces(xi_equal, xi_alternating):
-        behind = ahead = rows(xi_alternating)
-        if xi_equal is None:
-            behind = [builder.fneg(a) for a in behind]
-        else:
-            equal = rows(xi_equal)
-            behind = [builder.fsub(e, a) for e, a in zip(equal, behind, strict=True)]
-            ahead = [builder.fadd(e, a) for e, a in zip(equal, ahead, strict=True)]
-        on = [_one_record_on(builder, *pair) for pair in zip([nothing, *ahead], [*ahead, nothing], strict=True)]
-        return [*(builder.fadd(a, b) for a, b in zip(on[:4], behind, strict=True)), on[4]]
-
-    halves = []
-    for _, (eta_equal, eta_alternating) in _FACE_MODES:
-        equal, alternating = at_faces(*eta_equal), at_faces(*eta_alternating)
-        halves.append([builder.fsub(e, a) for e, a in zip(equal, alternating, strict=True)])
-        halves.append([builder.fadd(e, a) for e, a in zip(equal, alternating, strict=True)])
-    lower, upper, lower_zeta, upper_zeta = halves
-    combined = ("fsub", lower, lower_zeta), ("fsub", upper, upper_zeta), ("fadd", lower, lower_zeta)
-    # The last vector of an edge is written whole though its second record gets 0: the next batch of the row reads it
-    # whole, and what was written in pieces is not at hand at once.
-    for edge, (op, one, zeta) in zip(edges, (*combined, ("fadd", upper, upper_zeta)), strict=True):
-        for pair in range(5):
-            value = getattr(builder, op)(one[pair], zeta[pair])
-            _add_at(context, builder, sig.args[0], args[0], _plus(builder, edge, 8 * pair), value)
+    if vector.lanes != 8:
+        by_number()
+        return context.get_dummy_value()
+    with builder.if_else(_is_run(builder, args[4])) as (as_run, otherwise):
+        with as_run:
+            first = _first_start(context, builder, types_a, args_a)
+            at_a, at_b = _rows(builder, *args_a[3:], 8), _rows(builder, *args_b[3:], 8)
+            before = nothing
+            for i in range(4):
+                # Records 2i and 2i + 1 get lanes 2i, 2i + 1 of corner a and lanes 2i - 1, 2i of corner b.
+                shifted = _shuffle(builder, before, at_b[i], list(range(4, 12)))
+                place = builder.add(first, ir.Constant(first.type, 8 * i))
+                _add_at(context, builder, sig.args[0], args[0], place, builder.fadd(at_a[i], shifted))
+                before = at_b[i]
+            last = _shuffle(builder, before, before, list(range(4, 8)))
+            _add_at(context, builder, sig.args[0], args[0], builder.add(first, ir.Constant(first.type, 32)), last)
+        with otherwise:
+            by_number()
     return context.get_dummy_value()
 
 

@@ -74,7 +74,7 @@ def test_column_scores_are_the_best_of_all_lips():
     mouth = np.maximum(mouth, opening)
     low = np.maximum(low, 0.02)
     share = low / (low + np.maximum(mouth - opening - low, 0.02))
-    skin, inside = np.log(0.3 + 0.7 * (1 - mouth)), np.log(0.05 + opening)
+    skin, inside = np.log(0.3 + 0.7 * (1 - mouth)), np.log(0.03 + opening)
     lower, upper = np.log(0.05 + (mouth - opening) * share), np.log(0.05 + (mouth - opening) * (1 - share))
     for j in range(4):
         assert skin_only[j] == pytest.approx(skin[:, j].sum(), abs=0.1)
