@@ -78,20 +78,21 @@ def _element_constants(model: Model) -> np.ndarray:
     """(E, Q) in the order of kernels.CONSTANTS."""
     nodes, elements = model.nodes, model.elements
     n_elements = len(elements)
-    V = geometry.signed_volumes(nodes, elements)
-    D = geometry.natural_gradients(nodes, elements)
+    V = geometry.volumes(nodes, elements)
     shear, bulk, wave = (
         np.array([getattr(material, name) for material in model.materials])[model.material_of]
         for name in ("shear_pa", "bulk_pa", "wave_modulus_pa")
     )
     second = np.where(laws(model) == kernels.ST_VENANT_KIRCHHOFF, bulk - 2 / 3 * shear, bulk)
-    columns = [D.reshape(n_elements, 9), (V * shear)[:, None], (V * second)[:, None]]
     if model.element_type == "H8":
-        # gamma_ai = Gamma_ai - sum_k s_ak M_ik with M_ik = sum_j L_ij D_kj, L_ij = sum_b Gamma_bi X_bj.
-        L = np.einsum("bi,ebj->eij", geometry.HOURGLASS, nodes[elements])
-        M = np.einsum("eij,ekj->eik", L, D)
+        D, W = geometry.gradient_amplitudes(nodes, elements)
+        columns = [D.reshape(n_elements, 9), W.reshape(n_elements, 9)]
+    else:
+        columns = [geometry.shape_gradients(nodes, elements)[:, 1:].reshape(n_elements, 9)]
+    columns += [(V * shear)[:, None], (V * second)[:, None]]
+    if model.element_type == "H8":
         k = geometry.hourglass_stiffness(nodes, elements, wave, model.hourglass)
-        columns += [k[:, None], M.reshape(n_elements, 12)]
+        columns += [k[:, None], geometry.hourglass_extents(nodes, elements).reshape(n_elements, 12)]
     if model.element_type == "T4ANP":
         columns += [(1 / bulk)[:, None], (V * bulk)[:, None]]
     return np.concatenate(columns, axis=1)
@@ -263,18 +264,21 @@ def _faces_by_part(faces: list, parts: Partition, model: Model, stored_at: np.nd
 
 
 def energy_arrays(model: Model) -> tuple[np.ndarray, ...]:
-    """Arguments of kernels.strain_energies and kernels.largest_area_stretch: elements, D, V, moduli, law, k, M."""
+    """Arguments of kernels.strain_energies and kernels.largest_area_stretch: elements, D, W, V, moduli, law, k, L."""
     constants = _element_constants(model)
     if model.element_type == "H8":
-        k, M = constants[:, 11].copy(), constants[:, 12:24].reshape(-1, 4, 3).copy()
+        W, rest = constants[:, 9:18].reshape(-1, 3, 3).copy(), constants[:, 18:]
+        k, L = rest[:, 2].copy(), rest[:, 3:15].reshape(-1, 4, 3).copy()
     else:
-        k, M = np.zeros(0), np.zeros((0, 4, 3))
+        W, rest = np.zeros((0, 3, 3)), constants[:, 9:]
+        k, L = np.zeros(0), np.zeros((0, 4, 3))
     return (
         np.ascontiguousarray(model.elements),
         constants[:, :9].reshape(-1, 3, 3).copy(),
-        constants[:, 9].copy(),
-        constants[:, 10].copy(),
+        W,
+        rest[:, 0].copy(),
+        rest[:, 1].copy(),
         laws(model),
         k,
-        M,
+        L,
     )

@@ -31,9 +31,9 @@ from simulator.simd import (
 
 NEO_HOOKEAN, ST_VENANT_KIRCHHOFF, VISCO_NEO_HOOKEAN = 0, 1, 2  # which law a batch follows
 
-# Constants of a batch, in this order: natural gradients D (9), two stiffnesses times volume, then
-#   H8: hourglass stiffness k, shape correction M (4 x 3);  T4ANP: 1 / bulk modulus, bulk modulus times volume.
-CONSTANTS = {"H8": 9 + 2 + 1 + 12, "T4": 9 + 2, "T4ANP": 9 + 2 + 2}
+# Constants of a batch, in this order: gradient amplitudes D (9), of H8 also W (9), two stiffnesses times volume, then
+#   H8: hourglass stiffness k, hourglass extents L (4 x 3);  T4ANP: 1 / bulk modulus, bulk modulus times volume.
+CONSTANTS = {"H8": 9 + 9 + 2 + 1 + 12, "T4": 9 + 2, "T4ANP": 9 + 2 + 2}
 HISTORY = 9  # per viscous term: 1 isochoric or 0 volumetric, two factors of the update, six stresses
 
 # Rows of the log, one column per step.
@@ -311,9 +311,74 @@ def _corners(xi, eta, zeta, eta_zeta, xi_zeta, xi_eta, xi_eta_zeta):
 
 
 @njit(forceinline=True)
-def _hourglass(k, m0, m1, m2, xi, eta, zeta, mode):
-    """k gamma^T u of one hourglass mode and one component."""
-    return k * (mode - (m0 * xi + m1 * eta + m2 * zeta))
+def _slopes(constants, q, L, xa, xb, xc, x_bc, x_ac, x_ab):
+    """One component of du/dX, along X, Y and Z, from its amplitudes: s_ak D_kj + Gamma_ai W_ij."""
+    return (
+        (xa * load(constants, q) + xb * load(constants, q + 3 * L) + xc * load(constants, q + 6 * L))
+        + (x_bc * load(constants, q + 9 * L) + x_ac * load(constants, q + 12 * L) + x_ab * load(constants, q + 15 * L)),
+        (xa * load(constants, q + L) + xb * load(constants, q + 4 * L) + xc * load(constants, q + 7 * L))
+        + (
+            x_bc * load(constants, q + 10 * L) + x_ac * load(constants, q + 13 * L) + x_ab * load(constants, q + 16 * L)
+        ),
+        (xa * load(constants, q + 2 * L) + xb * load(constants, q + 5 * L) + xc * load(constants, q + 8 * L))
+        + (
+            x_bc * load(constants, q + 11 * L) + x_ac * load(constants, q + 14 * L) + x_ab * load(constants, q + 17 * L)
+        ),
+    )
+
+
+@njit(forceinline=True)
+def _hourglass(constants, q, L, H0, H1, H2, x_bc, x_ac, x_ab, x_abc):
+    """k gamma^T u of the four hourglass modes and one component, whose slopes are H."""
+    k = load(constants, q + 20 * L)
+    return (
+        k
+        * (
+            x_bc
+            - (load(constants, q + 21 * L) * H0 + load(constants, q + 22 * L) * H1 + load(constants, q + 23 * L) * H2)
+        ),
+        k
+        * (
+            x_ac
+            - (load(constants, q + 24 * L) * H0 + load(constants, q + 25 * L) * H1 + load(constants, q + 26 * L) * H2)
+        ),
+        k
+        * (
+            x_ab
+            - (load(constants, q + 27 * L) * H0 + load(constants, q + 28 * L) * H1 + load(constants, q + 29 * L) * H2)
+        ),
+        k
+        * (
+            x_abc
+            - (load(constants, q + 30 * L) * H0 + load(constants, q + 31 * L) * H1 + load(constants, q + 32 * L) * H2)
+        ),
+    )
+
+
+@njit(forceinline=True)
+def _corner_forces(constants, q, L, P0, P1, P2, x_bc, x_ac, x_ab, x_abc):
+    """One component of the force at the 8 corners from that of V P and of the hourglass modes: `_slopes` transposed."""
+    t0 = P0 - (
+        (load(constants, q + 21 * L) * x_bc + load(constants, q + 24 * L) * x_ac)
+        + (load(constants, q + 27 * L) * x_ab + load(constants, q + 30 * L) * x_abc)
+    )
+    t1 = P1 - (
+        (load(constants, q + 22 * L) * x_bc + load(constants, q + 25 * L) * x_ac)
+        + (load(constants, q + 28 * L) * x_ab + load(constants, q + 31 * L) * x_abc)
+    )
+    t2 = P2 - (
+        (load(constants, q + 23 * L) * x_bc + load(constants, q + 26 * L) * x_ac)
+        + (load(constants, q + 29 * L) * x_ab + load(constants, q + 32 * L) * x_abc)
+    )
+    return _corners(
+        t0 * load(constants, q) + t1 * load(constants, q + L) + t2 * load(constants, q + 2 * L),
+        t0 * load(constants, q + 3 * L) + t1 * load(constants, q + 4 * L) + t2 * load(constants, q + 5 * L),
+        t0 * load(constants, q + 6 * L) + t1 * load(constants, q + 7 * L) + t2 * load(constants, q + 8 * L),
+        x_bc + (t0 * load(constants, q + 9 * L) + t1 * load(constants, q + 10 * L) + t2 * load(constants, q + 11 * L)),
+        x_ac + (t0 * load(constants, q + 12 * L) + t1 * load(constants, q + 13 * L) + t2 * load(constants, q + 14 * L)),
+        x_ab + (t0 * load(constants, q + 15 * L) + t1 * load(constants, q + 16 * L) + t2 * load(constants, q + 17 * L)),
+        x_abc,
+    )
 
 
 @njit
@@ -323,7 +388,7 @@ def _h8_forces(elements, part, seen, forces):
     L = lanes(constants)
     low = splat(zero(constants), 1e30)
     for batch in range(elements.starts[part], elements.starts[part + 1]):
-        n, run = batch * 8 * L, elements.run[batch]
+        n, q, run = batch * 8 * L, batch * 33 * L, elements.run[batch]
         x0, y0, z0, _ = gather(seen, numbers, n, run)
         x1, y1, z1, _ = gather(seen, numbers, n + L, run)
         x2, y2, z2, _ = gather(seen, numbers, n + 2 * L, run)
@@ -333,75 +398,35 @@ def _h8_forces(elements, part, seen, forces):
         x6, y6, z6, _ = gather(seen, numbers, n + 6 * L, run)
         x7, y7, z7, _ = gather(seen, numbers, n + 7 * L, run)
         xa, xb, xc, x_bc, x_ac, x_ab, x_abc = _modes(x0, x1, x2, x3, x4, x5, x6, x7)
+        H00, H01, H02 = _slopes(constants, q, L, xa, xb, xc, x_bc, x_ac, x_ab)
+        x_bc, x_ac, x_ab, x_abc = _hourglass(constants, q, L, H00, H01, H02, x_bc, x_ac, x_ab, x_abc)
         ya, yb, yc, y_bc, y_ac, y_ab, y_abc = _modes(y0, y1, y2, y3, y4, y5, y6, y7)
+        H10, H11, H12 = _slopes(constants, q, L, ya, yb, yc, y_bc, y_ac, y_ab)
+        y_bc, y_ac, y_ab, y_abc = _hourglass(constants, q, L, H10, H11, H12, y_bc, y_ac, y_ab, y_abc)
         za, zb, zc, z_bc, z_ac, z_ab, z_abc = _modes(z0, z1, z2, z3, z4, z5, z6, z7)
-
-        q = batch * 24 * L
-        D00, D01, D02 = load(constants, q), load(constants, q + L), load(constants, q + 2 * L)
-        D10, D11, D12 = load(constants, q + 3 * L), load(constants, q + 4 * L), load(constants, q + 5 * L)
-        D20, D21, D22 = load(constants, q + 6 * L), load(constants, q + 7 * L), load(constants, q + 8 * L)
+        H20, H21, H22 = _slopes(constants, q, L, za, zb, zc, z_bc, z_ac, z_ab)
+        z_bc, z_ac, z_ab, z_abc = _hourglass(constants, q, L, H20, H21, H22, z_bc, z_ac, z_ab, z_abc)
         P00, P01, P02, P10, P11, P12, P20, P21, P22, J = _stress(
             elements.law[batch],
-            1.0 + (xa * D00 + xb * D10 + xc * D20),
-            xa * D01 + xb * D11 + xc * D21,
-            xa * D02 + xb * D12 + xc * D22,
-            ya * D00 + yb * D10 + yc * D20,
-            1.0 + (ya * D01 + yb * D11 + yc * D21),
-            ya * D02 + yb * D12 + yc * D22,
-            za * D00 + zb * D10 + zc * D20,
-            za * D01 + zb * D11 + zc * D21,
-            1.0 + (za * D02 + zb * D12 + zc * D22),
-            load(constants, q + 9 * L),
-            load(constants, q + 10 * L),
+            1.0 + H00,
+            H01,
+            H02,
+            H10,
+            1.0 + H11,
+            H12,
+            H20,
+            H21,
+            1.0 + H22,
+            load(constants, q + 18 * L),
+            load(constants, q + 19 * L),
             elements.history,
             batch * elements.terms * HISTORY * L,
             elements.terms,
         )
         low = poison_unless_positive(low, J)
-
-        k = load(constants, q + 11 * L)
-        m0, m1, m2 = load(constants, q + 12 * L), load(constants, q + 13 * L), load(constants, q + 14 * L)
-        x_bc = _hourglass(k, m0, m1, m2, xa, xb, xc, x_bc)
-        y_bc = _hourglass(k, m0, m1, m2, ya, yb, yc, y_bc)
-        z_bc = _hourglass(k, m0, m1, m2, za, zb, zc, z_bc)
-        tx0, tx1, tx2 = m0 * x_bc, m1 * x_bc, m2 * x_bc
-        ty0, ty1, ty2 = m0 * y_bc, m1 * y_bc, m2 * y_bc
-        tz0, tz1, tz2 = m0 * z_bc, m1 * z_bc, m2 * z_bc
-        m0, m1, m2 = load(constants, q + 15 * L), load(constants, q + 16 * L), load(constants, q + 17 * L)
-        x_ac = _hourglass(k, m0, m1, m2, xa, xb, xc, x_ac)
-        y_ac = _hourglass(k, m0, m1, m2, ya, yb, yc, y_ac)
-        z_ac = _hourglass(k, m0, m1, m2, za, zb, zc, z_ac)
-        tx0, tx1, tx2 = tx0 + m0 * x_ac, tx1 + m1 * x_ac, tx2 + m2 * x_ac
-        ty0, ty1, ty2 = ty0 + m0 * y_ac, ty1 + m1 * y_ac, ty2 + m2 * y_ac
-        tz0, tz1, tz2 = tz0 + m0 * z_ac, tz1 + m1 * z_ac, tz2 + m2 * z_ac
-        m0, m1, m2 = load(constants, q + 18 * L), load(constants, q + 19 * L), load(constants, q + 20 * L)
-        x_ab = _hourglass(k, m0, m1, m2, xa, xb, xc, x_ab)
-        y_ab = _hourglass(k, m0, m1, m2, ya, yb, yc, y_ab)
-        z_ab = _hourglass(k, m0, m1, m2, za, zb, zc, z_ab)
-        tx0, tx1, tx2 = tx0 + m0 * x_ab, tx1 + m1 * x_ab, tx2 + m2 * x_ab
-        ty0, ty1, ty2 = ty0 + m0 * y_ab, ty1 + m1 * y_ab, ty2 + m2 * y_ab
-        tz0, tz1, tz2 = tz0 + m0 * z_ab, tz1 + m1 * z_ab, tz2 + m2 * z_ab
-        m0, m1, m2 = load(constants, q + 21 * L), load(constants, q + 22 * L), load(constants, q + 23 * L)
-        x_abc = _hourglass(k, m0, m1, m2, xa, xb, xc, x_abc)
-        y_abc = _hourglass(k, m0, m1, m2, ya, yb, yc, y_abc)
-        z_abc = _hourglass(k, m0, m1, m2, za, zb, zc, z_abc)
-        tx0, tx1, tx2 = tx0 + m0 * x_abc, tx1 + m1 * x_abc, tx2 + m2 * x_abc
-        ty0, ty1, ty2 = ty0 + m0 * y_abc, ty1 + m1 * y_abc, ty2 + m2 * y_abc
-        tz0, tz1, tz2 = tz0 + m0 * z_abc, tz1 + m1 * z_abc, tz2 + m2 * z_abc
-
-        # Force amplitude along each natural axis: P D^T less what the hourglass modes take from it.
-        xa = P00 * D00 + P01 * D01 + P02 * D02 - tx0
-        xb = P00 * D10 + P01 * D11 + P02 * D12 - tx1
-        xc = P00 * D20 + P01 * D21 + P02 * D22 - tx2
-        ya = P10 * D00 + P11 * D01 + P12 * D02 - ty0
-        yb = P10 * D10 + P11 * D11 + P12 * D12 - ty1
-        yc = P10 * D20 + P11 * D21 + P12 * D22 - ty2
-        za = P20 * D00 + P21 * D01 + P22 * D02 - tz0
-        zb = P20 * D10 + P21 * D11 + P22 * D12 - tz1
-        zc = P20 * D20 + P21 * D21 + P22 * D22 - tz2
-        x0, x1, x2, x3, x4, x5, x6, x7 = _corners(xa, xb, xc, x_bc, x_ac, x_ab, x_abc)
-        y0, y1, y2, y3, y4, y5, y6, y7 = _corners(ya, yb, yc, y_bc, y_ac, y_ab, y_abc)
-        z0, z1, z2, z3, z4, z5, z6, z7 = _corners(za, zb, zc, z_bc, z_ac, z_ab, z_abc)
+        x0, x1, x2, x3, x4, x5, x6, x7 = _corner_forces(constants, q, L, P00, P01, P02, x_bc, x_ac, x_ab, x_abc)
+        y0, y1, y2, y3, y4, y5, y6, y7 = _corner_forces(constants, q, L, P10, P11, P12, y_bc, y_ac, y_ab, y_abc)
+        z0, z1, z2, z3, z4, z5, z6, z7 = _corner_forces(constants, q, L, P20, P21, P22, z_bc, z_ac, z_ab, z_abc)
         scatter_add_line(forces, numbers, n, n + L, run, x0, y0, z0, x1, y1, z1)
         scatter_add_line(forces, numbers, n + 3 * L, n + 2 * L, run, x3, y3, z3, x2, y2, z2)
         scatter_add_line(forces, numbers, n + 4 * L, n + 5 * L, run, x4, y4, z4, x5, y5, z5)
@@ -803,8 +828,8 @@ def advance(
 
 
 @njit(forceinline=True)
-def _gradient(elements, e, D, u, modes):
-    """F of one element, and for hexahedra the amplitudes of its hourglass shapes, in rows 3 to 6 of modes (7, 3)."""
+def _gradient(elements, e, D, W, u, F, modes):
+    """Fill F (3, 3) of one element, and for hexahedra rows 3 to 6 of modes (7, 3), its hourglass shapes' amplitudes."""
     for i in range(3):
         if elements.shape[1] == 8:
             modes[0, i], modes[1, i], modes[2, i], modes[3, i], modes[4, i], modes[5, i], modes[6, i] = _modes(
@@ -820,30 +845,27 @@ def _gradient(elements, e, D, u, modes):
         else:
             for k in range(3):
                 modes[k, i] = u[elements[e, k + 1], i] - u[elements[e, 0], i]
-    return (
-        1.0 + (modes[0, 0] * D[e, 0, 0] + modes[1, 0] * D[e, 1, 0] + modes[2, 0] * D[e, 2, 0]),
-        modes[0, 0] * D[e, 0, 1] + modes[1, 0] * D[e, 1, 1] + modes[2, 0] * D[e, 2, 1],
-        modes[0, 0] * D[e, 0, 2] + modes[1, 0] * D[e, 1, 2] + modes[2, 0] * D[e, 2, 2],
-        modes[0, 1] * D[e, 0, 0] + modes[1, 1] * D[e, 1, 0] + modes[2, 1] * D[e, 2, 0],
-        1.0 + (modes[0, 1] * D[e, 0, 1] + modes[1, 1] * D[e, 1, 1] + modes[2, 1] * D[e, 2, 1]),
-        modes[0, 1] * D[e, 0, 2] + modes[1, 1] * D[e, 1, 2] + modes[2, 1] * D[e, 2, 2],
-        modes[0, 2] * D[e, 0, 0] + modes[1, 2] * D[e, 1, 0] + modes[2, 2] * D[e, 2, 0],
-        modes[0, 2] * D[e, 0, 1] + modes[1, 2] * D[e, 1, 1] + modes[2, 2] * D[e, 2, 1],
-        1.0 + (modes[0, 2] * D[e, 0, 2] + modes[1, 2] * D[e, 1, 2] + modes[2, 2] * D[e, 2, 2]),
-    )
+    for i in range(3):
+        for j in range(3):
+            F[i, j] = 1.0 if i == j else 0.0
+            for k in range(3):
+                F[i, j] += modes[k, i] * D[e, k, j]
+                if len(W) > 0:
+                    F[i, j] += modes[3 + k, i] * W[e, k, j]
+    return F[0, 0], F[0, 1], F[0, 2], F[1, 0], F[1, 1], F[1, 2], F[2, 0], F[2, 1], F[2, 2]
 
 
 @njit(cache=True, nogil=True)
-def strain_energies(elements, D, GV, KV, law, k, M, u):
+def strain_energies(elements, D, W, GV, KV, law, k, L, u):
     """Elastic and hourglass energy of a mesh, J: sum of V psi(F) and of k/2 |gamma^T u|^2.
 
-    elements (E, n), D (E, 3, 3), GV, KV (E,) stiffness times volume, law (E,), k (E,) and M (E, 4, 3) of hexahedra,
-    u (N, 3) m; u[n] belongs to node n of `elements`.
+    elements (E, n), D (E, 3, 3), GV, KV (E,) stiffness times volume, law (E,), W (E, 3, 3), k (E,) and L (E, 4, 3) of
+    hexahedra, u (N, 3) m; u[n] belongs to node n of `elements`.
     """
     elastic, hourglass = 0.0, 0.0
-    modes = np.zeros((7, 3))
+    F, modes = np.zeros((3, 3)), np.zeros((7, 3))
     for e in range(len(elements)):
-        F00, F01, F02, F10, F11, F12, F20, F21, F22 = _gradient(elements, e, D, u, modes)
+        F00, F01, F02, F10, F11, F12, F20, F21, F22 = _gradient(elements, e, D, W, u, F, modes)
         c00, c01, c02, _, _, _, _, _, _ = _cofactors(F00, F01, F02, F10, F11, F12, F20, F21, F22)
         J = F00 * c00 + F01 * c01 + F02 * c02
         C00 = F00 * F00 + F10 * F10 + F20 * F20
@@ -863,22 +885,22 @@ def strain_energies(elements, D, GV, KV, law, k, M, u):
                 for i in range(3):
                     q = modes[3 + mode, i]
                     for axis in range(3):
-                        q -= M[e, mode, axis] * modes[axis, i]
+                        q -= L[e, mode, axis] * (F[i, axis] - (1.0 if i == axis else 0.0))
                     hourglass += 0.5 * k[e] * q * q
     return elastic, hourglass
 
 
 @njit(cache=True, nogil=True)
-def largest_area_stretch(elements, D, u):
+def largest_area_stretch(elements, D, W, u):
     """Largest singular value of the cofactor matrix J F^-T over all elements, 1 at rest.
 
     It is the most that any element has grown in area; its square bounds how much stiffer the pressure part of an
     element has become along the direction in which it is squeezed. Arguments as in `strain_energies`.
     """
     most = 1.0
-    modes = np.zeros((7, 3))
+    F, modes = np.zeros((3, 3)), np.zeros((7, 3))
     for e in range(len(elements)):
-        F00, F01, F02, F10, F11, F12, F20, F21, F22 = _gradient(elements, e, D, u, modes)
+        F00, F01, F02, F10, F11, F12, F20, F21, F22 = _gradient(elements, e, D, W, u, F, modes)
         c00, c01, c02, c10, c11, c12, c20, c21, c22 = _cofactors(F00, F01, F02, F10, F11, F12, F20, F21, F22)
         # Largest eigenvalue of the symmetric 3 x 3 matrix cof cof^T, by the trigonometric formula.
         a00 = c00 * c00 + c01 * c01 + c02 * c02

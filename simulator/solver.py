@@ -274,8 +274,7 @@ class _Run:
 
     def _stiffening(self) -> float:
         """How much faster than at rest waves cross the most squeezed element, 1 or more."""
-        elements, D = self.energy_arrays[:2]
-        return kernels.largest_area_stretch(elements, D, self._stored("u"))
+        return kernels.largest_area_stretch(*self.energy_arrays[:3], self._stored("u"))
 
     # -- steps --
 
