@@ -7,7 +7,7 @@ import pytest
 from meshes import ELEMENT_TYPES, distorted
 
 from simulator import assembly, elements, kernels
-from simulator.mesh import block, lip_sheet, shuffled
+from simulator.mesh import lip_sheet, shuffled
 from simulator.model import Model, NeoHookean
 from simulator.partition import partition
 
