@@ -310,128 +310,168 @@ def _corners(xi, eta, zeta, eta_zeta, xi_zeta, xi_eta, xi_eta_zeta):
     return a0 - b0, a0 + b0, a1 + b1, a1 - b1, a2 - b2, a2 + b2, a3 + b3, a3 - b3
 
 
-@njit(forceinline=True)
-def _slopes(constants, q, L, xa, xb, xc, x_bc, x_ac, x_ab):
-    """One component of du/dX, along X, Y and Z, from its amplitudes: s_ak D_kj + Gamma_ai W_ij."""
-    return (
-        (xa * load(constants, q) + xb * load(constants, q + 3 * L) + xc * load(constants, q + 6 * L))
-        + (x_bc * load(constants, q + 9 * L) + x_ac * load(constants, q + 12 * L) + x_ab * load(constants, q + 15 * L)),
-        (xa * load(constants, q + L) + xb * load(constants, q + 4 * L) + xc * load(constants, q + 7 * L))
-        + (
-            x_bc * load(constants, q + 10 * L) + x_ac * load(constants, q + 13 * L) + x_ab * load(constants, q + 16 * L)
-        ),
-        (xa * load(constants, q + 2 * L) + xb * load(constants, q + 5 * L) + xc * load(constants, q + 8 * L))
-        + (
-            x_bc * load(constants, q + 11 * L) + x_ac * load(constants, q + 14 * L) + x_ab * load(constants, q + 17 * L)
-        ),
-    )
-
-
-@njit(forceinline=True)
-def _hourglass(constants, q, L, H0, H1, H2, x_bc, x_ac, x_ab, x_abc):
-    """k gamma^T u of the four hourglass modes and one component, whose slopes are H."""
-    k = load(constants, q + 20 * L)
-    return (
-        k
-        * (
-            x_bc
-            - (load(constants, q + 21 * L) * H0 + load(constants, q + 22 * L) * H1 + load(constants, q + 23 * L) * H2)
-        ),
-        k
-        * (
-            x_ac
-            - (load(constants, q + 24 * L) * H0 + load(constants, q + 25 * L) * H1 + load(constants, q + 26 * L) * H2)
-        ),
-        k
-        * (
-            x_ab
-            - (load(constants, q + 27 * L) * H0 + load(constants, q + 28 * L) * H1 + load(constants, q + 29 * L) * H2)
-        ),
-        k
-        * (
-            x_abc
-            - (load(constants, q + 30 * L) * H0 + load(constants, q + 31 * L) * H1 + load(constants, q + 32 * L) * H2)
-        ),
-    )
-
-
-@njit(forceinline=True)
-def _corner_forces(constants, q, L, P0, P1, P2, x_bc, x_ac, x_ab, x_abc):
-    """One component of the force at the 8 corners from that of V P and of the hourglass modes: `_slopes` transposed."""
-    t0 = P0 - (
-        (load(constants, q + 21 * L) * x_bc + load(constants, q + 24 * L) * x_ac)
-        + (load(constants, q + 27 * L) * x_ab + load(constants, q + 30 * L) * x_abc)
-    )
-    t1 = P1 - (
-        (load(constants, q + 22 * L) * x_bc + load(constants, q + 25 * L) * x_ac)
-        + (load(constants, q + 28 * L) * x_ab + load(constants, q + 31 * L) * x_abc)
-    )
-    t2 = P2 - (
-        (load(constants, q + 23 * L) * x_bc + load(constants, q + 26 * L) * x_ac)
-        + (load(constants, q + 29 * L) * x_ab + load(constants, q + 32 * L) * x_abc)
-    )
-    return _corners(
-        t0 * load(constants, q) + t1 * load(constants, q + L) + t2 * load(constants, q + 2 * L),
-        t0 * load(constants, q + 3 * L) + t1 * load(constants, q + 4 * L) + t2 * load(constants, q + 5 * L),
-        t0 * load(constants, q + 6 * L) + t1 * load(constants, q + 7 * L) + t2 * load(constants, q + 8 * L),
-        x_bc + (t0 * load(constants, q + 9 * L) + t1 * load(constants, q + 10 * L) + t2 * load(constants, q + 11 * L)),
-        x_ac + (t0 * load(constants, q + 12 * L) + t1 * load(constants, q + 13 * L) + t2 * load(constants, q + 14 * L)),
-        x_ab + (t0 * load(constants, q + 15 * L) + t1 * load(constants, q + 16 * L) + t2 * load(constants, q + 17 * L)),
-        x_abc,
-    )
+# Vectors kept for one batch of hexahedra: 3 components x 8 corners, slopes or stresses (9), hourglass modes (12).
+KEPT = 24 + 9 + 12
+SLOPES, MODES = 24, 33  # where the latter two begin
+GROUP = 4  # batches that go from phase to phase together
 
 
 @njit
-def _h8_forces(elements, part, seen, forces):
-    """Add the forces of one part's hexahedra to `forces` (M, 4); return the lowest J."""
+def _h8_forces(elements, part, seen, forces, scratch):
+    """Add the forces of one part's hexahedra to `forces` (M, 4); return the lowest J.
+
+    The work is cut in phases that fit the 16 registers of most processors, with `scratch` in the first cache between
+    them; a phase is done for a group of batches, so that the processor has several to work on while one waits for a
+    result. The three components go through the same code one after the other.
+    """
     constants, numbers = elements.constants, elements.numbers
     L = lanes(constants)
+    components = seen.shape[1] - 1  # 3; were it a constant, the compiler would undo the loops
     low = splat(zero(constants), 1e30)
-    for batch in range(elements.starts[part], elements.starts[part + 1]):
-        n, q, run = batch * 8 * L, batch * 33 * L, elements.run[batch]
-        x0, y0, z0, _ = gather(seen, numbers, n, run)
-        x1, y1, z1, _ = gather(seen, numbers, n + L, run)
-        x2, y2, z2, _ = gather(seen, numbers, n + 2 * L, run)
-        x3, y3, z3, _ = gather(seen, numbers, n + 3 * L, run)
-        x4, y4, z4, _ = gather(seen, numbers, n + 4 * L, run)
-        x5, y5, z5, _ = gather(seen, numbers, n + 5 * L, run)
-        x6, y6, z6, _ = gather(seen, numbers, n + 6 * L, run)
-        x7, y7, z7, _ = gather(seen, numbers, n + 7 * L, run)
-        xa, xb, xc, x_bc, x_ac, x_ab, x_abc = _modes(x0, x1, x2, x3, x4, x5, x6, x7)
-        H00, H01, H02 = _slopes(constants, q, L, xa, xb, xc, x_bc, x_ac, x_ab)
-        x_bc, x_ac, x_ab, x_abc = _hourglass(constants, q, L, H00, H01, H02, x_bc, x_ac, x_ab, x_abc)
-        ya, yb, yc, y_bc, y_ac, y_ab, y_abc = _modes(y0, y1, y2, y3, y4, y5, y6, y7)
-        H10, H11, H12 = _slopes(constants, q, L, ya, yb, yc, y_bc, y_ac, y_ab)
-        y_bc, y_ac, y_ab, y_abc = _hourglass(constants, q, L, H10, H11, H12, y_bc, y_ac, y_ab, y_abc)
-        za, zb, zc, z_bc, z_ac, z_ab, z_abc = _modes(z0, z1, z2, z3, z4, z5, z6, z7)
-        H20, H21, H22 = _slopes(constants, q, L, za, zb, zc, z_bc, z_ac, z_ab)
-        z_bc, z_ac, z_ab, z_abc = _hourglass(constants, q, L, H20, H21, H22, z_bc, z_ac, z_ab, z_abc)
-        P00, P01, P02, P10, P11, P12, P20, P21, P22, J = _stress(
-            elements.law[batch],
-            1.0 + H00,
-            H01,
-            H02,
-            H10,
-            1.0 + H11,
-            H12,
-            H20,
-            H21,
-            1.0 + H22,
-            load(constants, q + 18 * L),
-            load(constants, q + 19 * L),
-            elements.history,
-            batch * elements.terms * HISTORY * L,
-            elements.terms,
-        )
-        low = poison_unless_positive(low, J)
-        x0, x1, x2, x3, x4, x5, x6, x7 = _corner_forces(constants, q, L, P00, P01, P02, x_bc, x_ac, x_ab, x_abc)
-        y0, y1, y2, y3, y4, y5, y6, y7 = _corner_forces(constants, q, L, P10, P11, P12, y_bc, y_ac, y_ab, y_abc)
-        z0, z1, z2, z3, z4, z5, z6, z7 = _corner_forces(constants, q, L, P20, P21, P22, z_bc, z_ac, z_ab, z_abc)
-        scatter_add_line(forces, numbers, n, n + L, run, x0, y0, z0, x1, y1, z1)
-        scatter_add_line(forces, numbers, n + 3 * L, n + 2 * L, run, x3, y3, z3, x2, y2, z2)
-        scatter_add_line(forces, numbers, n + 4 * L, n + 5 * L, run, x4, y4, z4, x5, y5, z5)
-        scatter_add_line(forces, numbers, n + 7 * L, n + 6 * L, run, x7, y7, z7, x6, y6, z6)
+    end = elements.starts[part + 1]
+    for first in range(elements.starts[part], end, GROUP):
+        last = min(first + GROUP, end)
+        for batch in range(first, last):
+            n, at, run = batch * 8 * L, (batch - first) * KEPT * L, elements.run[batch]
+            for corner in range(8):
+                x, y, z, _ = gather(seen, numbers, n + corner * L, run)
+                store(scratch, at + corner * L, x)
+                store(scratch, at + (8 + corner) * L, y)
+                store(scratch, at + (16 + corner) * L, z)
+        for batch in range(first, last):
+            q, at = batch * 33 * L, (batch - first) * KEPT * L
+            for i in range(components):
+                slopes, modes = at + (SLOPES + 3 * i) * L, at + (MODES + 4 * i) * L
+                _gradient_of_component(constants, q, scratch, at + 8 * i * L, slopes, modes, L)
+        for batch in range(first, last):
+            q, h = batch * 33 * L, ((batch - first) * KEPT + SLOPES) * L
+            P00, P01, P02, P10, P11, P12, P20, P21, P22, J = _stress(
+                elements.law[batch],
+                1.0 + load(scratch, h),
+                load(scratch, h + L),
+                load(scratch, h + 2 * L),
+                load(scratch, h + 3 * L),
+                1.0 + load(scratch, h + 4 * L),
+                load(scratch, h + 5 * L),
+                load(scratch, h + 6 * L),
+                load(scratch, h + 7 * L),
+                1.0 + load(scratch, h + 8 * L),
+                load(constants, q + 18 * L),
+                load(constants, q + 19 * L),
+                elements.history,
+                batch * elements.terms * HISTORY * L,
+                elements.terms,
+            )
+            low = poison_unless_positive(low, J)
+            store(scratch, h, P00)
+            store(scratch, h + L, P01)
+            store(scratch, h + 2 * L, P02)
+            store(scratch, h + 3 * L, P10)
+            store(scratch, h + 4 * L, P11)
+            store(scratch, h + 5 * L, P12)
+            store(scratch, h + 6 * L, P20)
+            store(scratch, h + 7 * L, P21)
+            store(scratch, h + 8 * L, P22)
+        for batch in range(first, last):
+            q, at = batch * 33 * L, (batch - first) * KEPT * L
+            for i in range(components):
+                slopes, modes = at + (SLOPES + 3 * i) * L, at + (MODES + 4 * i) * L
+                _forces_of_component(constants, q, scratch, at + 8 * i * L, slopes, modes, L)
+        for batch in range(first, last):
+            n, at, run = batch * 8 * L, (batch - first) * KEPT * L, elements.run[batch]
+            for a, b in ((0, 1), (3, 2), (4, 5), (7, 6)):
+                scatter_add_line(
+                    forces,
+                    numbers,
+                    n + a * L,
+                    n + b * L,
+                    run,
+                    load(scratch, at + a * L),
+                    load(scratch, at + (8 + a) * L),
+                    load(scratch, at + (16 + a) * L),
+                    load(scratch, at + b * L),
+                    load(scratch, at + (8 + b) * L),
+                    load(scratch, at + (16 + b) * L),
+                )
     return lowest(low)
+
+
+@njit(forceinline=True)
+def _gradient_of_component(constants, q, scratch, u, slopes, modes, L):
+    """du/dX = s_ak D_kj + Gamma_ai W_ij and k gamma^T u of one component from its corner values, all in scratch."""
+    xi, eta, zeta, eta_zeta, xi_zeta, xi_eta, xi_eta_zeta = _modes(
+        load(scratch, u),
+        load(scratch, u + L),
+        load(scratch, u + 2 * L),
+        load(scratch, u + 3 * L),
+        load(scratch, u + 4 * L),
+        load(scratch, u + 5 * L),
+        load(scratch, u + 6 * L),
+        load(scratch, u + 7 * L),
+    )
+    H0 = xi * load(constants, q) + eta * load(constants, q + 3 * L) + zeta * load(constants, q + 6 * L)
+    H1 = xi * load(constants, q + L) + eta * load(constants, q + 4 * L) + zeta * load(constants, q + 7 * L)
+    H2 = xi * load(constants, q + 2 * L) + eta * load(constants, q + 5 * L) + zeta * load(constants, q + 8 * L)
+    w = q + 9 * L
+    H0 = H0 + eta_zeta * load(constants, w) + xi_zeta * load(constants, w + 3 * L) + xi_eta * load(constants, w + 6 * L)
+    H1 = H1 + eta_zeta * load(constants, w + L)
+    H1 = H1 + xi_zeta * load(constants, w + 4 * L) + xi_eta * load(constants, w + 7 * L)
+    H2 = H2 + eta_zeta * load(constants, w + 2 * L)
+    H2 = H2 + xi_zeta * load(constants, w + 5 * L) + xi_eta * load(constants, w + 8 * L)
+    store(scratch, slopes, H0)
+    store(scratch, slopes + L, H1)
+    store(scratch, slopes + 2 * L, H2)
+    k, g = load(constants, q + 20 * L), q + 21 * L
+    store(scratch, modes, k * _freed(constants, g, L, eta_zeta, H0, H1, H2))
+    store(scratch, modes + L, k * _freed(constants, g + 3 * L, L, xi_zeta, H0, H1, H2))
+    store(scratch, modes + 2 * L, k * _freed(constants, g + 6 * L, L, xi_eta, H0, H1, H2))
+    store(scratch, modes + 3 * L, k * _freed(constants, g + 9 * L, L, xi_eta_zeta, H0, H1, H2))
+
+
+@njit(forceinline=True)
+def _freed(constants, g, L, mode, H0, H1, H2):
+    """Amplitude of one hourglass mode less that of the affine motion."""
+    mode = mode - load(constants, g) * H0
+    mode = mode - load(constants, g + L) * H1
+    return mode - load(constants, g + 2 * L) * H2
+
+
+@njit(forceinline=True)
+def _forces_of_component(constants, q, scratch, f, slopes, modes, L):
+    """Corner forces of one component from V P and the hourglass modes': `_gradient_of_component` transposed."""
+    eta_zeta, xi_zeta = load(scratch, modes), load(scratch, modes + L)
+    xi_eta, xi_eta_zeta = load(scratch, modes + 2 * L), load(scratch, modes + 3 * L)
+    g = q + 21 * L
+    t0 = _reduced(constants, g, L, load(scratch, slopes), eta_zeta, xi_zeta, xi_eta, xi_eta_zeta)
+    t1 = _reduced(constants, g + L, L, load(scratch, slopes + L), eta_zeta, xi_zeta, xi_eta, xi_eta_zeta)
+    t2 = _reduced(constants, g + 2 * L, L, load(scratch, slopes + 2 * L), eta_zeta, xi_zeta, xi_eta, xi_eta_zeta)
+    w = q + 9 * L
+    eta_zeta = eta_zeta + t0 * load(constants, w) + t1 * load(constants, w + L) + t2 * load(constants, w + 2 * L)
+    w = q + 12 * L
+    xi_zeta = xi_zeta + t0 * load(constants, w) + t1 * load(constants, w + L) + t2 * load(constants, w + 2 * L)
+    w = q + 15 * L
+    xi_eta = xi_eta + t0 * load(constants, w) + t1 * load(constants, w + L) + t2 * load(constants, w + 2 * L)
+    xi = t0 * load(constants, q) + t1 * load(constants, q + L) + t2 * load(constants, q + 2 * L)
+    eta = t0 * load(constants, q + 3 * L) + t1 * load(constants, q + 4 * L) + t2 * load(constants, q + 5 * L)
+    zeta = t0 * load(constants, q + 6 * L) + t1 * load(constants, q + 7 * L) + t2 * load(constants, q + 8 * L)
+    f0, f1, f2, f3, f4, f5, f6, f7 = _corners(xi, eta, zeta, eta_zeta, xi_zeta, xi_eta, xi_eta_zeta)
+    store(scratch, f, f0)
+    store(scratch, f + L, f1)
+    store(scratch, f + 2 * L, f2)
+    store(scratch, f + 3 * L, f3)
+    store(scratch, f + 4 * L, f4)
+    store(scratch, f + 5 * L, f5)
+    store(scratch, f + 6 * L, f6)
+    store(scratch, f + 7 * L, f7)
+
+
+@njit(forceinline=True)
+def _reduced(constants, g, L, t, eta_zeta, xi_zeta, xi_eta, xi_eta_zeta):
+    """V P along one axis less what the hourglass modes take from it."""
+    t = t - load(constants, g) * eta_zeta
+    t = t - load(constants, g + 3 * L) * xi_zeta
+    t = t - load(constants, g + 6 * L) * xi_eta
+    return t - load(constants, g + 9 * L) * xi_eta_zeta
 
 
 @njit(forceinline=True)
@@ -676,18 +716,20 @@ def _advance_nodes(nodes, part, keep, gravity, stats):
 # ---- steps ----------------------------------------------------------------------------------------------------------
 
 
-def element_forces(elements, nodes, part):
+def element_forces(elements, nodes, part, scratch):
     """Add the internal forces of one part's elements to its nodes' forces; return the lowest J."""
     raise NotImplementedError("compiled code only")
 
 
 @overload(element_forces)
-def _element_forces(elements, nodes, part):
+def _element_forces(elements, nodes, part, scratch):
     if elements.instance_class is H8Elements:
-        return lambda elements, nodes, part: _h8_forces(elements, part, nodes.seen, nodes.forces[part])
+        return lambda elements, nodes, part, scratch: _h8_forces(
+            elements, part, nodes.seen, nodes.forces[part], scratch
+        )
     if elements.instance_class is T4Elements:
-        return lambda elements, nodes, part: _t4_forces(elements, part, nodes.seen, nodes.forces[part], False)
-    return lambda elements, nodes, part: _t4_forces(elements, part, nodes.seen, nodes.forces[part], True)
+        return lambda elements, nodes, part, scratch: _t4_forces(elements, part, nodes.seen, nodes.forces[part], False)
+    return lambda elements, nodes, part, scratch: _t4_forces(elements, part, nodes.seen, nodes.forces[part], True)
 
 
 def averages_pressure(elements) -> bool:
@@ -717,6 +759,7 @@ def _element_pressures(elements, nodes, part):
 def internal_forces(elements, nodes):
     """Leave the sum of all parts' internal forces of the displacements `seen` in forces[0]; return the lowest J."""
     parts = nodes.forces.shape[0]
+    scratch = np.empty(GROUP * KEPT * lanes(elements.constants), elements.constants.dtype)
     low = 1e30
     nodes.forces[:] = 0.0
     if averages_pressure(elements):
@@ -725,7 +768,7 @@ def internal_forces(elements, nodes):
         for part in range(parts):
             _average_pressures(nodes, part)
     for part in range(parts):
-        low = min(low, element_forces(elements, nodes, part))
+        low = min(low, element_forces(elements, nodes, part, scratch))
     for part in range(1, parts):
         nodes.forces[0] += nodes.forces[part]
     return low
@@ -753,6 +796,7 @@ def advance(
     lost, done_work, most, square, product = ledger[0], ledger[1], ledger[2], ledger[3], ledger[4]
     px, py, pz, rescale = ledger[5], ledger[6], ledger[7], ledger[8]
     flat_gravity = gravity.reshape(-1)
+    scratch = np.empty(GROUP * KEPT * lanes(elements.constants), elements.constants.dtype)
     meeting = 0
     reason = DONE
     done = 0
@@ -766,7 +810,7 @@ def advance(
             if averages_pressure(elements):
                 mine[LOWEST_J] = element_pressures(elements, nodes, part)
             else:
-                mine[LOWEST_J] = element_forces(elements, nodes, part)
+                mine[LOWEST_J] = element_forces(elements, nodes, part, scratch)
         meeting += 1
         meet(arrived, threads, meeting)
         if averages_pressure(elements):
@@ -776,7 +820,7 @@ def advance(
             meet(arrived, threads, meeting)
             for part in range(first, last):
                 mine = stats[parity, part]
-                mine[LOWEST_J] = min(mine[LOWEST_J], element_forces(elements, nodes, part))
+                mine[LOWEST_J] = min(mine[LOWEST_J], element_forces(elements, nodes, part, scratch))
             meeting += 1
             meet(arrived, threads, meeting)
         for part in range(first, last):
