@@ -18,12 +18,14 @@ from simulator.simd import (
     lanes,
     load,
     load_as,
+    load_product_as,
     lowest,
     meet,
     poison_unless_positive,
     scatter_add,
     scatter_add_line,
     splat,
+    spread,
     store,
     total,
     zero,
@@ -43,12 +45,12 @@ LOG_ROWS = 4
 # Why `advance` came back.
 DONE, INVERTED, ENERGY_GREW = range(3)
 
-# Damping and external work so far, most external work, sums m du^2 and m du du_old, m du (3), and what to multiply the
-# work of the next step by: 1, or old over new step where it has just changed, as increments were scaled to the new.
-LEDGER = 9
+# Damping and external work so far, most external work, sums m du^2 and m du du_old, and what to multiply the work of
+# the next step by: 1, or old over new step where it has just changed, as increments were scaled to the new.
+LEDGER = 6
 # What a part reports of a step: places in its 16 doubles, two cache lines.
 STATS = 16
-SQUARE, PRODUCT, LOWEST_J, WORK, MOMENTUM = 0, 1, 2, 3, 8
+SQUARE, PRODUCT, LOWEST_J, WORK = range(4)
 
 
 class H8Elements(NamedTuple):
@@ -100,12 +102,14 @@ class T4ANPElements(NamedTuple):
 class Nodes(NamedTuple):
     """Nodal records of 4 numbers, the 4th unused unless said; the last records belong to empty elements.
 
+    The 4th of `forces` may hold anything finite, as it is multiplied by the 4th of `compliance`, 0.
+
     seen : (M, 4) displacement as the elements see it, m, in their precision; 4th for T4ANP: nodal pressure
     forces : (P, M, 4) sum of one part's forces, N, in the precision of the elements; 4th for T4ANP: summed pressure
     rest : (M, 4) position at rest, m
     u, du : (M, 4) displacement and its last increment, m, in the precision of the nodal sums
     compliance : (M, 4) dt2/m / (1 + alpha dt/2), s2/kg; 0 where fixed, 1 where prescribed
-    mass : (M, 4) kg
+    mass : (M,) kg
     inverse_volume : (M,) 1/m3, one over the volume of the elements at a node, for T4ANP
     starts : (P + 1,), touched : (P, P, 2) as in partition.Partition
     """
@@ -653,9 +657,26 @@ def _push_nodes(loads, nodes, part, curves, step):
 
 
 @njit
-def _move_nodes(loads, nodes, part, curves, step, gravity, keep, damping, dt):
+def _pull_nodes(nodes, part, before, now):
+    """Take the weight from one part's internal forces; return the work of gravity over the last increment.
+
+    before, now : (8,) acceleration of all nodes in the last and in this step, m/s2, each x, y, z, 0 twice
+    """
+    du, own = nodes.du.reshape(-1), nodes.forces[part].reshape(-1)
+    L = lanes(du)
+    g, momentum = load_as(du, now, 0), zero(du)
+    for i in range(4 * nodes.starts[part], 4 * nodes.starts[part + 1], L):
+        m = spread(du, nodes.mass, i // 4)
+        momentum = momentum + m * load(du, i)
+        store(own, i, load_as(du, own, i) - m * g)
+    mean = 0.5 * (load_as(du, before, 0) + g)
+    return total(momentum * mean)
+
+
+@njit
+def _move_nodes(loads, nodes, part, curves, step, keep, damping, dt):
     """Turn the forces of prescribed degrees of freedom into what brings them to place; return the constraints' work."""
-    u, du, mass = nodes.u.reshape(-1), nodes.du.reshape(-1), nodes.mass.reshape(-1)
+    u, du = nodes.u.reshape(-1), nodes.du.reshape(-1)
     own = nodes.forces[part].reshape(-1)
     parts = nodes.forces.shape[0]
     work = 0.0
@@ -668,11 +689,11 @@ def _move_nodes(loads, nodes, part, curves, step, gravity, keep, damping, dt):
         for other in range(parts):
             force += nodes.forces[other, dof // 4, dof % 4]
             nodes.forces[other, dof // 4, dof % 4] = 0.0
-        m, old, new = mass[dof], du[dof], target - u[dof]
-        force += m * ((new - old) / (dt * dt) + damping * (new + old) / (2.0 * dt) - gravity[dof % 4])
+        old, new = du[dof], target - u[dof]
+        force += nodes.mass[dof // 4] * ((new - old) / (dt * dt) + damping * (new + old) / (2.0 * dt))
         work += 0.5 * (loads.reaction[i] + force) * old
         loads.reaction[i] = force
-        own[dof] = keep * old - new + m * gravity[dof % 4]
+        own[dof] = keep * old - new
     return work
 
 
@@ -680,13 +701,13 @@ def _move_nodes(loads, nodes, part, curves, step, gravity, keep, damping, dt):
 
 
 @njit
-def _advance_nodes(nodes, part, keep, gravity, stats):
-    """du <- keep du - compliance (f - m g), u <- u + du, f <- 0 (thesis eq. 3.55 as increments); its sums.
+def _advance_nodes(nodes, part, keep, stats):
+    """du <- keep du - compliance f, u <- u + du, f <- 0 (thesis eq. 3.55 as increments); its sums.
 
-    keep = (1 - alpha dt/2) / (1 + alpha dt/2). Writes sum m du_new^2, sum m du_new du_old and sum m du_new to `stats`.
+    keep = (1 - alpha dt/2) / (1 + alpha dt/2). Writes sum m du_new^2 and sum m du_new du_old to `stats`.
     """
     u, du, seen = nodes.u.reshape(-1), nodes.du.reshape(-1), nodes.seen.reshape(-1)
-    compliance, mass = nodes.compliance.reshape(-1), nodes.mass.reshape(-1)
+    compliance, mass = nodes.compliance.reshape(-1), nodes.mass
     own = nodes.forces[part].reshape(-1)
     first, last = 4 * nodes.starts[part], 4 * nodes.starts[part + 1]
     for other in range(part + 1, nodes.forces.shape[0]):
@@ -695,22 +716,20 @@ def _advance_nodes(nodes, part, keep, gravity, stats):
             own[i] += foreign[i]
             foreign[i] = 0.0
     L = lanes(u)
-    g, nothing = load_as(u, gravity, 0), zero(u)
-    square, product, momentum = nothing, nothing, nothing
+    nothing = zero(u)
+    square, product = nothing, nothing
     for i in range(first, last, L):
-        old, m = load(du, i), load_as(u, mass, i)
-        new = keep * old - load_as(u, compliance, i) * (load_as(u, own, i) - m * g)
+        old = load(du, i)
+        new = keep * old - load_product_as(u, compliance, own, i)
         moved = load(u, i) + new
         store(du, i, new)
         store(u, i, moved)
         store(seen, i, moved)
         store(own, i, nothing)
-        impulse = m * new
+        impulse = spread(u, mass, i // 4) * new
         square = square + impulse * new
         product = product + impulse * old
-        momentum = momentum + impulse
     stats[SQUARE], stats[PRODUCT] = total(square), total(product)
-    store(stats, MOMENTUM, momentum)
 
 
 # ---- steps ----------------------------------------------------------------------------------------------------------
@@ -794,14 +813,14 @@ def advance(
     parts = nodes.forces.shape[0]
     first, last = thread * parts // threads, (thread + 1) * parts // threads
     lost, done_work, most, square, product = ledger[0], ledger[1], ledger[2], ledger[3], ledger[4]
-    px, py, pz, rescale = ledger[5], ledger[6], ledger[7], ledger[8]
-    flat_gravity = gravity.reshape(-1)
+    rescale = ledger[5]
     scratch = np.empty(GROUP * KEPT * lanes(elements.constants), elements.constants.dtype)
     meeting = 0
     reason = DONE
     done = 0
     for step in range(steps):
         at = column + step
+        pulled = np.any(gravity[at - 1 : at + 1] != 0.0)
         parity = step % 2
         for part in range(first, last):
             mine = stats[parity, part]
@@ -826,27 +845,23 @@ def advance(
         for part in range(first, last):
             mine = stats[parity, part]
             mine[WORK] += _push_nodes(loads, nodes, part, curves, at)
-            mine[WORK] += _move_nodes(loads, nodes, part, curves, at, gravity[at], keep, damping, dt)
-            _advance_nodes(nodes, part, keep, flat_gravity[8 * at : 8 * at + 8], mine)
+            if pulled:
+                mine[WORK] += _pull_nodes(nodes, part, gravity[at - 1], gravity[at])
+            mine[WORK] += _move_nodes(loads, nodes, part, curves, at, keep, damping, dt)
+            _advance_nodes(nodes, part, keep, mine)
         meeting += 1
         meet(arrived, threads, meeting)
 
         # Every thread adds up the same numbers in the same order, so all of them take the same decision.
         low, work = 1e30, 0.0
-        work += 0.5 * (gravity[at - 1, 0] + gravity[at, 0]) * px
-        work += 0.5 * (gravity[at - 1, 1] + gravity[at, 1]) * py
-        work += 0.5 * (gravity[at - 1, 2] + gravity[at, 2]) * pz
         old_square, old_product = square, product
-        square, product, px, py, pz = 0.0, 0.0, 0.0, 0.0, 0.0
+        square, product = 0.0, 0.0
         for part in range(parts):
             mine = stats[parity, part]
             low = min(low, mine[LOWEST_J])
             work += mine[WORK]
             square += mine[SQUARE]
             product += mine[PRODUCT]
-            px += mine[MOMENTUM] + mine[MOMENTUM + 4]
-            py += mine[MOMENTUM + 1] + mine[MOMENTUM + 5]
-            pz += mine[MOMENTUM + 2] + mine[MOMENTUM + 6]
         kinetic = product / (2.0 * dt * dt)
         lost += rescale * damping / (4.0 * dt) * (2.0 * old_square + product + old_product)
         done_work += rescale * work
@@ -864,7 +879,7 @@ def advance(
             break
     if thread == 0:
         ledger[0], ledger[1], ledger[2], ledger[3], ledger[4] = lost, done_work, most, square, product
-        ledger[5], ledger[6], ledger[7], ledger[8] = px, py, pz, rescale
+        ledger[5] = rescale
     return reason, done
 
 
