@@ -47,6 +47,8 @@ def element_arrays(model: Model, parts: Partition, dtype: type, dt: float):
     stored_at[parts.nodes] = np.arange(len(model.nodes), dtype=np.int32)
     spare = len(model.nodes)  # record of the empty elements
     starts_of_records = 4 * np.where(order[:, None] >= 0, stored_at[model.elements[order]], spare).astype(np.int32)
+    if len(RUN_ORDER) == L:
+        _complete_runs(starts_of_records, order, L)
     constants = _element_constants(model)[order]
     constants[order < 0] = 0.0
     law = laws(model)[order]
@@ -61,6 +63,18 @@ def element_arrays(model: Model, parts: Partition, dtype: type, dt: float):
         terms,
         starts,
     )
+
+
+def _complete_runs(starts: np.ndarray, order: np.ndarray, L: int) -> None:
+    """Let the empty elements at the end of a row go on along it, so that its last batch is a run as the others are.
+
+    They have no stiffness and add nothing to the nodes that happen to be stored there.
+    """
+    whole = starts[: len(starts) // L * L].reshape(-1, L, starts.shape[1])
+    going_on = whole[:, :1] + 4 * np.array(RUN_ORDER, np.int32)[None, :, None]
+    empty = order[: whole.shape[0] * L].reshape(-1, L) < 0
+    runs = ((whole == going_on).all(axis=2) | empty).all(axis=1)
+    whole[:] = np.where((runs[:, None] & empty)[:, :, None], going_on, whole)
 
 
 def _runs(starts: np.ndarray, L: int) -> np.ndarray:
@@ -139,7 +153,8 @@ def node_arrays(model: Model, parts: Partition, precision: str, dt: float, mass:
     """Nodal records at rest, in storage order."""
     of_elements, of_sums = PRECISIONS[precision]
     n_nodes = len(model.nodes)
-    records = (n_nodes + 2) // 2 * 2  # at least one spare; two records of float32 fill one register
+    # Spare records for the empty elements, which may go on along a row; two records of float32 fill one register.
+    records = (n_nodes + len(RUN_ORDER) + 2) // 2 * 2
     parts_count = len(parts.node_starts) - 1
 
     def record(values, dtype):

@@ -330,7 +330,6 @@ def _h8_forces(elements, part, seen, forces, scratch):
     """
     constants, numbers = elements.constants, elements.numbers
     L = lanes(constants)
-    components = seen.shape[1] - 1  # 3; were it a constant, the compiler would undo the loops
     low = splat(zero(constants), 1e30)
     end = elements.starts[part + 1]
     for first in range(elements.starts[part], end, GROUP):
@@ -344,7 +343,7 @@ def _h8_forces(elements, part, seen, forces, scratch):
                 store(scratch, at + (16 + corner) * L, z)
         for batch in range(first, last):
             q, at = batch * 33 * L, (batch - first) * KEPT * L
-            for i in range(components):
+            for i in range(3):
                 slopes, modes = at + (SLOPES + 3 * i) * L, at + (MODES + 4 * i) * L
                 _gradient_of_component(constants, q, scratch, at + 8 * i * L, slopes, modes, L)
         for batch in range(first, last):
@@ -378,7 +377,7 @@ def _h8_forces(elements, part, seen, forces, scratch):
             store(scratch, h + 8 * L, P22)
         for batch in range(first, last):
             q, at = batch * 33 * L, (batch - first) * KEPT * L
-            for i in range(components):
+            for i in range(3):
                 slopes, modes = at + (SLOPES + 3 * i) * L, at + (MODES + 4 * i) * L
                 _forces_of_component(constants, q, scratch, at + 8 * i * L, slopes, modes, L)
         for batch in range(first, last):
