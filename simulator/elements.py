@@ -73,7 +73,7 @@ def _gauss_points(nodes: np.ndarray, elements: np.ndarray) -> Iterator[tuple[np.
     X = nodes[elements] - nodes[elements[:, :1]]  # far from the origin too, a flat element has no volume at all
     for point in CORNERS / np.sqrt(3):
         dN = hexahedron_gradients(point)
-        yield dN, np.einsum("ai,eaj->eij", dN, X)
+        yield dN, dN.T @ X
 
 
 def hexahedron_gradients(point: np.ndarray) -> np.ndarray:
@@ -88,18 +88,18 @@ def gradient_amplitudes(nodes: np.ndarray, elements: np.ndarray) -> tuple[np.nda
     Of the hourglass shapes only the first three take part; W is 0 in parallelepipeds, where D = (1/8) dxi_k / dX_j.
     """
     B = shape_gradients(nodes, elements)
-    return np.einsum("ak,eaj->ekj", CORNERS, B) / 8, np.einsum("ai,eaj->eij", HOURGLASS[:, :3], B) / 8
+    return CORNERS.T @ B / 8, HOURGLASS[:, :3].T @ B / 8
 
 
 def hourglass_vectors(nodes: np.ndarray, elements: np.ndarray) -> np.ndarray:
     """(E, 8, 4): gamma_ai = Gamma_ai - B_aj L_ij, the modes freed of every affine displacement."""
     B, L = shape_gradients(nodes, elements), hourglass_extents(nodes, elements)
-    return HOURGLASS - np.einsum("eaj,eij->eai", B, L)
+    return HOURGLASS - B @ np.swapaxes(L, 1, 2)
 
 
 def hourglass_extents(nodes: np.ndarray, elements: np.ndarray) -> np.ndarray:
     """(E, 4, 3) m: L_ij = sum_b Gamma_bi X_bj, how much of each hourglass shape the element has at rest."""
-    return np.einsum("bi,ebj->eij", HOURGLASS, nodes[elements])
+    return HOURGLASS.T @ nodes[elements]
 
 
 def hourglass_stiffness(
