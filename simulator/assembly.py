@@ -240,9 +240,9 @@ def load_arrays(model: Model, parts: Partition, mass: np.ndarray) -> tuple[kerne
     face_nodes, face_pa, face_curve, face_starts = _faces_by_part(faces, parts, model, stored_at)
     bounds = 4 * parts.node_starts
     loads = kernels.Loads(
-        force_dof,
+        force_dof.astype(np.uintp),  # unsigned: compiled code need not ask whether to count from the end
         force_n,
-        force_curve,
+        force_curve.astype(np.uintp),
         np.searchsorted(force_dof, bounds),
         moved_dof,
         moved_m,

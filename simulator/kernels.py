@@ -646,13 +646,14 @@ def _push_faces(loads, nodes, part, curves, step):
 def _push_nodes(loads, nodes, part, curves, step):
     """Take nodal forces from one part's internal forces; return their work over the last increment."""
     forces, du = nodes.forces[part].reshape(-1), nodes.du.reshape(-1)
+    before, now = np.uintp(step - 1), np.uintp(step)
     work = 0.0
-    for i in range(loads.force_starts[part], loads.force_starts[part + 1]):
+    for i in range(np.uintp(loads.force_starts[part]), np.uintp(loads.force_starts[part + 1])):
         dof, curve = loads.force_dof[i], loads.force_curve[i]
-        force = loads.force_n[i] * curves[curve, step]
+        force = loads.force_n[i] * curves[curve, now]
         forces[dof] -= force
-        work += 0.5 * (loads.force_n[i] * curves[curve, step - 1] + force) * du[dof]
-    return work
+        work += (loads.force_n[i] * curves[curve, before] + force) * du[dof]
+    return 0.5 * work
 
 
 @njit
