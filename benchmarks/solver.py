@@ -14,6 +14,9 @@ from __future__ import annotations
 import argparse
 import os
 import platform
+import subprocess
+import sys
+import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -219,6 +222,30 @@ def threads_table(repeats: int) -> str:
     return "Threads, wall, best of alternating runs.\n\n" + markdown(table)
 
 
+def compile_table() -> str:
+    """The first run on a machine, when everything is compiled, and the first run of a later process."""
+    code = (
+        "import time; start = time.perf_counter(); import numpy as np\n"
+        "from simulator.mesh import block; from simulator.model import Fixed, Gravity, Model\n"
+        "from simulator.curves import LoadShape; from simulator.solver import solve\n"
+        "nodes, elements = block((20, 4, 1), (0.02, 0.004, 0.001))\n"
+        "loads = (Fixed(np.flatnonzero(nodes[:, 0] == 0)), Gravity(1.0, (0, 1, 0), LoadShape('RAMP', 0.01)))\n"
+        "solve(Model(nodes, elements, loads=loads, duration_s=0.01), [0.01], threads=1)\n"
+        "print(time.perf_counter() - start)"
+    )
+    taken = []
+    with tempfile.TemporaryDirectory() as cache:
+        environment = os.environ | {"NUMBA_CACHE_DIR": cache, "PYTHONPATH": str(Path(__file__).parents[1])}
+        for _ in range(2):
+            done = subprocess.run(
+                [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True
+            )
+            taken.append(float(done.stdout))
+    table = pd.DataFrame({"H8, mixed": {"compiling, s": taken[0], "compiled before, s": taken[1]}}).T
+    table.index.name = "start of Python to the end of a small run, wall"
+    return markdown(table)
+
+
 def symmetry_table(repeats: int) -> str:
     """A symmetric scene whole and as half."""
     model = sheet(3414, dt_s=ANIMATION_DT, duration_s=0.02)
@@ -373,6 +400,7 @@ def main() -> None:
         "animation": lambda a: animation_table(a.sizes, a.seconds),
         "auto": lambda a: auto_table(a.sizes),
         "threads": lambda a: threads_table(3),
+        "compile": lambda a: compile_table(),
         "symmetry": lambda a: symmetry_table(5),
         "bending": lambda a: bending_table(True),
         "static": lambda a: static_table(),

@@ -1,8 +1,8 @@
 """The static limit of the solver against scikit-fem: a block that settles under a load, refined.
 
 The block slides on three planes and is squeezed and sheared by a smooth body force, so that nothing spoils the order of
-convergence. scikit-fem (BSD; Gustafsson and McBain, JOSS 5, 2020) solves the same equilibrium with triquadratic hexahedra
-and Newton's method; its elements, quadrature and assembly have nothing in common with the solver's.
+convergence. scikit-fem (BSD; Gustafsson and McBain, JOSS 5, 2020) solves the same equilibrium with triquadratic
+hexahedra and Newton's method; its elements, quadrature and assembly have nothing in common with the solver's.
 """
 
 from __future__ import annotations

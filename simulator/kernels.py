@@ -314,7 +314,7 @@ def _corners(xi, eta, zeta, eta_zeta, xi_zeta, xi_eta, xi_eta_zeta):
     return a0 - b0, a0 + b0, a1 + b1, a1 - b1, a2 - b2, a2 + b2, a3 + b3, a3 - b3
 
 
-# Vectors kept for one batch of hexahedra: 3 components x 8 corners, slopes or stresses (9), hourglass modes (12).
+# Vectors kept for a batch of hexahedra: 3 components x 8 corners, slopes or stresses (9), hourglass modes (12).
 KEPT = 24 + 9 + 12
 SLOPES, MODES = 24, 33  # where the latter two begin
 GROUP = 4  # batches that go from phase to phase together
