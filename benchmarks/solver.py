@@ -399,7 +399,7 @@ def main() -> None:
         "precision": lambda a: precision_table(a.seconds),
         "animation": lambda a: animation_table(a.sizes, a.seconds),
         "auto": lambda a: auto_table(a.sizes),
-        "threads": lambda a: threads_table(3),
+        "threads": lambda a: threads_table(7),
         "compile": lambda a: compile_table(),
         "symmetry": lambda a: symmetry_table(5),
         "bending": lambda a: bending_table(True),

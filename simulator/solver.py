@@ -58,7 +58,8 @@ def solve(
         100 evenly spaced ones and the start. With a fixed step the nearest whole steps are saved
     precision : "float32", "float64", or "mixed": elements in float32, displacements and their increments in float64.
         None takes "mixed", for the table of run time against error in docs/validation.md
-    threads : number of threads; None measures whether a second one pays. The result does not depend on it
+    threads : number of threads, at most one per core; None measures whether a second one pays. The result does not
+        depend on it
     safety : dt "auto" takes this part of the stable step
     mass_scaling : factor on all densities, for quasi-static motion
     lightest_dt_s : add mass to the elements that alone would need a smaller step than this, s

@@ -26,14 +26,13 @@ class ThreadChoice:
     Parameters
     ----------
     requested : number of threads, or None to measure
-    parts : number of parts the mesh is divided in; no more threads than that
+    parts : number of parts the mesh is divided in; no more threads than that, nor than there are cores
     """
 
     def __init__(self, requested: int | None, parts: int):
-        self._measured = requested is None
-        self._candidates = [max(1, min(requested or 1, parts))]
-        if self._measured:
-            self._candidates = [n for n in (1, 2, 4) if n <= min(available_cores(), parts)]
+        most = max(1, min(available_cores(), parts))
+        self._candidates = [n for n in (1, 2, 4) if n <= most] if requested is None else [min(requested, most)]
+        self._measured = len(self._candidates) > 1
         self.most = self._candidates[-1]
         self._start_trial()
 

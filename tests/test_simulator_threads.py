@@ -68,5 +68,6 @@ def test_threads_are_given_up_when_other_work_comes_and_tried_again_later(clock)
 def test_a_busy_machine_or_one_part_or_a_request_settles_it(clock, monkeypatch):
     assert set(work(threads.ThreadChoice(2, 4), clock, {1: 1e-4, 2: 1e-2})[0]) == {2}
     assert set(work(threads.ThreadChoice(None, 1), clock, {1: 1e-4})[0]) == {1}
+    assert set(work(threads.ThreadChoice(8, 4), clock, {2: 1e-4, 1: 1e-4})[0]) == {2}  # of 2 cores
     monkeypatch.setattr(threads, "machine_is_busy", lambda: True)
     assert set(work(threads.ThreadChoice(None, 4), clock, {1: 1e-4, 2: 1e-5})[0]) == {1}
