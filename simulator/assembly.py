@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from simulator import elements as geometry
@@ -45,6 +47,8 @@ def element_arrays(model: Model, parts: Partition, dtype: type, dt: float):
     stored_at[parts.nodes] = np.arange(len(model.nodes), dtype=np.int32)
     spare = len(model.nodes)  # record of the empty elements
     starts_of_records = 4 * np.where(order[:, None] >= 0, stored_at[model.elements[order]], spare).astype(np.int32)
+    if len(RUN_ORDER) == L:
+        _complete_runs(starts_of_records, order, L)
     constants = _element_constants(model)[order]
     constants[order < 0] = 0.0
     law = laws(model)[order]
@@ -59,6 +63,18 @@ def element_arrays(model: Model, parts: Partition, dtype: type, dt: float):
         terms,
         starts,
     )
+
+
+def _complete_runs(starts: np.ndarray, order: np.ndarray, L: int) -> None:
+    """Let the empty elements at the end of a row go on along it, so that its last batch is a run as the others are.
+
+    They have no stiffness and add nothing to the nodes that happen to be stored there.
+    """
+    whole = starts[: len(starts) // L * L].reshape(-1, L, starts.shape[1])
+    going_on = whole[:, :1] + 4 * np.array(RUN_ORDER, np.int32)[None, :, None]
+    empty = order[: whole.shape[0] * L].reshape(-1, L) < 0
+    runs = ((whole == going_on).all(axis=2) | empty).all(axis=1)
+    whole[:] = np.where((runs[:, None] & empty)[:, :, None], going_on, whole)
 
 
 def _runs(starts: np.ndarray, L: int) -> np.ndarray:
@@ -78,20 +94,21 @@ def _element_constants(model: Model) -> np.ndarray:
     """(E, Q) in the order of kernels.CONSTANTS."""
     nodes, elements = model.nodes, model.elements
     n_elements = len(elements)
-    V = geometry.signed_volumes(nodes, elements)
-    D = geometry.natural_gradients(nodes, elements)
+    V = geometry.volumes(nodes, elements)
     shear, bulk, wave = (
         np.array([getattr(material, name) for material in model.materials])[model.material_of]
         for name in ("shear_pa", "bulk_pa", "wave_modulus_pa")
     )
     second = np.where(laws(model) == kernels.ST_VENANT_KIRCHHOFF, bulk - 2 / 3 * shear, bulk)
-    columns = [D.reshape(n_elements, 9), (V * shear)[:, None], (V * second)[:, None]]
     if model.element_type == "H8":
-        # gamma_ai = Gamma_ai - sum_k s_ak M_ik with M_ik = sum_j L_ij D_kj, L_ij = sum_b Gamma_bi X_bj.
-        L = np.einsum("bi,ebj->eij", geometry.HOURGLASS, nodes[elements])
-        M = np.einsum("eij,ekj->eik", L, D)
+        D, W = geometry.gradient_amplitudes(nodes, elements)
+        columns = [D.reshape(n_elements, 9), W.reshape(n_elements, 9)]
+    else:
+        columns = [geometry.shape_gradients(nodes, elements)[:, 1:].reshape(n_elements, 9)]
+    columns += [(V * shear)[:, None], (V * second)[:, None]]
+    if model.element_type == "H8":
         k = geometry.hourglass_stiffness(nodes, elements, wave, model.hourglass)
-        columns += [k[:, None], M.reshape(n_elements, 12)]
+        columns += [k[:, None], geometry.hourglass_extents(nodes, elements).reshape(n_elements, 12)]
     if model.element_type == "T4ANP":
         columns += [(1 / bulk)[:, None], (V * bulk)[:, None]]
     return np.concatenate(columns, axis=1)
@@ -116,18 +133,32 @@ def _batched(rows: np.ndarray, L: int, filler: float) -> np.ndarray:
     batches = -(-len(rows) // L)
     full = np.full((batches * L, rows.shape[1]), filler, rows.dtype)
     full[: len(rows)] = rows
-    return np.ascontiguousarray(full.reshape(batches, L, -1).transpose(0, 2, 1)).reshape(-1)
+    batched = _aligned_zeros((batches, rows.shape[1], L), rows.dtype)
+    batched[:] = full.reshape(batches, L, -1).transpose(0, 2, 1)
+    return batched.reshape(-1)
+
+
+_LINE = 64  # bytes of a cache line; a register read across two lines takes twice as long
+
+
+def _aligned_zeros(shape: tuple[int, ...], dtype: type) -> np.ndarray:
+    """Zeros that begin with a cache line, as numpy's do not."""
+    count, size = math.prod(shape), np.dtype(dtype).itemsize
+    raw = np.zeros(count + _LINE // size, dtype)
+    first = -raw.ctypes.data % _LINE // size
+    return raw[first : first + count].reshape(shape)
 
 
 def node_arrays(model: Model, parts: Partition, precision: str, dt: float, mass: np.ndarray) -> kernels.Nodes:
     """Nodal records at rest, in storage order."""
     of_elements, of_sums = PRECISIONS[precision]
     n_nodes = len(model.nodes)
-    records = (n_nodes + 2) // 2 * 2  # at least one spare; two records of float32 fill one register
+    # Spare records for the empty elements, which may go on along a row; two records of float32 fill one register.
+    records = (n_nodes + len(RUN_ORDER) + 2) // 2 * 2
     parts_count = len(parts.node_starts) - 1
 
     def record(values, dtype):
-        full = np.zeros((records, 4), dtype)
+        full = _aligned_zeros((records, 4), dtype)
         full[:n_nodes, :3] = values[parts.nodes]
         return full
 
@@ -136,13 +167,13 @@ def node_arrays(model: Model, parts: Partition, precision: str, dt: float, mass:
     inverse_volume = np.zeros(records)
     inverse_volume[:n_nodes] = 1 / at_node[parts.nodes]
     return kernels.Nodes(
-        seen=np.zeros((records, 4), of_elements),
-        forces=np.zeros((parts_count, records, 4), of_elements),
+        seen=_aligned_zeros((records, 4), of_elements),
+        forces=_aligned_zeros((parts_count, records, 4), of_elements),
         rest=record(model.nodes, np.float64),
-        u=np.zeros((records, 4), of_sums),
-        du=np.zeros((records, 4), of_sums),
+        u=_aligned_zeros((records, 4), of_sums),
+        du=_aligned_zeros((records, 4), of_sums),
         compliance=record(compliances(model, dt, mass), of_elements),
-        mass=record(np.repeat(mass[:, None], 3, axis=1), of_elements),
+        mass=np.append(mass[parts.nodes], np.zeros(records - n_nodes)),
         inverse_volume=inverse_volume,
         starts=parts.node_starts,
         touched=parts.touched,
@@ -209,9 +240,9 @@ def load_arrays(model: Model, parts: Partition, mass: np.ndarray) -> tuple[kerne
     face_nodes, face_pa, face_curve, face_starts = _faces_by_part(faces, parts, model, stored_at)
     bounds = 4 * parts.node_starts
     loads = kernels.Loads(
-        force_dof,
+        force_dof.astype(np.uintp),  # unsigned: compiled code need not ask whether to count from the end
         force_n,
-        force_curve,
+        force_curve.astype(np.uintp),
         np.searchsorted(force_dof, bounds),
         moved_dof,
         moved_m,
@@ -263,18 +294,21 @@ def _faces_by_part(faces: list, parts: Partition, model: Model, stored_at: np.nd
 
 
 def energy_arrays(model: Model) -> tuple[np.ndarray, ...]:
-    """Arguments of kernels.strain_energies and kernels.largest_area_stretch: elements, D, V, moduli, law, k, M."""
+    """Arguments of kernels.strain_energies and kernels.largest_area_stretch: elements, D, W, V, moduli, law, k, L."""
     constants = _element_constants(model)
     if model.element_type == "H8":
-        k, M = constants[:, 11].copy(), constants[:, 12:24].reshape(-1, 4, 3).copy()
+        W, rest = constants[:, 9:18].reshape(-1, 3, 3).copy(), constants[:, 18:]
+        k, L = rest[:, 2].copy(), rest[:, 3:15].reshape(-1, 4, 3).copy()
     else:
-        k, M = np.zeros(0), np.zeros((0, 4, 3))
+        W, rest = np.zeros((0, 3, 3)), constants[:, 9:]
+        k, L = np.zeros(0), np.zeros((0, 4, 3))
     return (
         np.ascontiguousarray(model.elements),
         constants[:, :9].reshape(-1, 3, 3).copy(),
-        constants[:, 9].copy(),
-        constants[:, 10].copy(),
+        W,
+        rest[:, 0].copy(),
+        rest[:, 1].copy(),
         laws(model),
         k,
-        M,
+        L,
     )

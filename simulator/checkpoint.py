@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +12,12 @@ from simulator.atomic import whole_file
 from simulator.errors import InputError
 from simulator.model import Model
 
+VERSION = 2  # to be raised when the same model takes other bits, or the arrays of a checkpoint change
+
 
 def fingerprint(model: Model, settings: tuple) -> str:
     """SHA-256 over everything that decides the bits of a run. Curves enter by their values at 1,025 times."""
-    digest = hashlib.sha256()
+    digest = hashlib.sha256(f"{VERSION}".encode())
     t = np.linspace(0, model.duration_s, 1025)
     for array in (model.nodes, model.elements, model.material_of):
         digest.update(np.ascontiguousarray(array).tobytes())
@@ -38,16 +41,17 @@ def load(path: str | Path, run: str) -> dict[str, np.ndarray] | None:
 
     Raises
     ------
-    InputError : a file that is no checkpoint, or that of another run
+    InputError : a file that is no checkpoint or is damaged, or that of another run
     """
     if not Path(path).exists():
         return None
     try:
         with np.load(path, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
-    except (ValueError, OSError, EOFError) as error:
+    except (ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
         raise InputError(
-            f"expected a checkpoint in {path}, got a file that cannot be read ({error}); delete it"
+            f"expected a checkpoint in {path}, got a file that is damaged or something else ({error}); "
+            "delete it and start the run anew"
         ) from None
     if str(arrays.pop("run", "")) != run:
         raise InputError(

@@ -1,6 +1,7 @@
 """Command line of the solver: `lipmetrics simulate model.xml -o out`, or `python -m simulator.cli ...`.
 
-Exit codes: 0 done, 2 bad arguments or input, 3 some models failed or a run ended early, 130 stopped by Ctrl-C.
+Exit codes: 0 done, 2 bad arguments or input, 3 some models failed or a run ended early, 130 stopped by Ctrl-C, 143 by
+SIGTERM; a run that was stopped leaves the states so far and a checkpoint.
 """
 
 from __future__ import annotations
@@ -11,15 +12,19 @@ import hashlib
 import json
 import math
 import os
+import signal
 import sys
+import threading
 import time
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from simulator.errors import InputError
+from simulator.errors import InputError, Interrupted
 
 if TYPE_CHECKING:
     from simulator.model import Model
@@ -32,7 +37,8 @@ def main(argv: list[str] | None = None, prog: str = "python -m simulator.cli") -
     """Run one command line, called `prog`; returns the exit code."""
     try:
         arguments = _parser(prog).parse_args(argv)
-        return run(arguments)
+        with _terminated_in_order():
+            return run(arguments)
     except InputError as error:
         _complain(str(error))
         return BAD_INPUT
@@ -44,15 +50,35 @@ def main(argv: list[str] | None = None, prog: str = "python -m simulator.cli") -
         return STOPPED
 
 
+@contextmanager
+def _terminated_in_order() -> Iterator[None]:
+    """Let SIGTERM end the command as Ctrl-C does: files that are half written disappear, a run is saved."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def leave(number, frame):
+        raise SystemExit(128 + number)
+
+    before = signal.signal(signal.SIGTERM, leave)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
 def run(arguments: argparse.Namespace) -> int:
     """Every model to its results; goes past models that fail."""
     folder = Path(arguments.out)
     _check_stems(arguments.models)
     _prepare(folder)
-    done, failed = [], []
+    done, failed, signal_got = [], [], None
     for source in arguments.models:
         try:
-            done.append(_run_one(source, folder, arguments))
+            summary, signal_got = _run_one(source, folder, arguments)
+            done.append(summary)
+            if signal_got:
+                break
         except (InputError, MemoryError, OSError) as error:
             failed.append({"source": source, "error": _sentence(error)})
             _complain(_sentence(error))
@@ -60,12 +86,15 @@ def run(arguments: argparse.Namespace) -> int:
         _say(json.dumps({"command": "simulate", "models": done, "failed": failed}, indent=2, ensure_ascii=False))
     elif len(arguments.models) > 1:
         _say(f"{len(done)} of {len(arguments.models)} models run")
+    if signal_got:
+        return 128 + signal_got
     if failed and not done:
         return BAD_INPUT
     return SOME_FAILED if failed or any(one["stopped"] for one in done) else DONE
 
 
-def _run_one(source: str, folder: Path, arguments: argparse.Namespace) -> dict:
+def _run_one(source: str, folder: Path, arguments: argparse.Namespace) -> tuple[dict, int | None]:
+    """Summary of one run, and the signal that broke it off, if any."""
     from simulator import export
     from simulator.niftysim_xml import read_niftysim
     from simulator.solver import solve
@@ -75,6 +104,12 @@ def _run_one(source: str, folder: Path, arguments: argparse.Namespace) -> dict:
     if arguments.dt is not None:
         model = dataclasses.replace(model, dt_s=arguments.dt)
     stem = Path(source).stem
+    saved = folder / f"{stem}.checkpoint.npz"
+    if arguments.resume and not saved.exists():
+        raise InputError(
+            f"{source}: expected the checkpoint of an interrupted run in {saved}, got no such file; "
+            "leave out --resume to start the run anew"
+        )
     chosen = {name: getattr(arguments, name) for name in ("precision", "threads")}
     chosen = {name: value for name, value in chosen.items() if value is not None}
     provenance = {
@@ -83,8 +118,20 @@ def _run_one(source: str, folder: Path, arguments: argparse.Namespace) -> dict:
         "choices": {"dt": arguments.dt, **chosen},
     }
     started = time.perf_counter()
+    signal_got = None
     try:
-        motion = solve(model, times, progress=sys.stderr.isatty(), **chosen)
+        motion = solve(
+            model,
+            times,
+            progress=sys.stderr.isatty(),
+            velocities=arguments.velocity,
+            checkpoint_path=saved,
+            checkpoint_every_s=arguments.checkpoint_every,
+            resume=arguments.resume,
+            **chosen,
+        )
+    except Interrupted as interrupted:
+        motion, signal_got = interrupted.motion, interrupted.signal
     except InputError as error:
         raise InputError(f"{source}: {error}") from None
     seconds = time.perf_counter() - started
@@ -95,6 +142,8 @@ def _run_one(source: str, folder: Path, arguments: argparse.Namespace) -> dict:
         files += export.write_vtk(motion, model, folder / f"{stem}.pvd", _ticker("states for ParaView"))
     if motion.stopped:
         _complain(f"{source}: {motion.stopped}; the states before are kept")
+    if not (signal_got and motion.stopped):
+        saved.unlink(missing_ok=True)
     summary = {
         "source": source,
         "files": [str(path) for path in files],
@@ -112,7 +161,7 @@ def _run_one(source: str, folder: Path, arguments: argparse.Namespace) -> dict:
     }
     if not arguments.json:
         _say(_in_words(summary))
-    return summary
+    return summary, signal_got
 
 
 def _times(model: Model) -> np.ndarray | None:
@@ -214,6 +263,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--dt", type=_time_step, metavar="S", help="time step, s, or auto; default: the model's own")
     parser.add_argument("--precision", choices=PRECISIONS, help="arithmetic; default: what the solver takes by itself")
     parser.add_argument("--threads", type=_count, metavar="N", help="threads; default: what is fastest")
+    parser.add_argument("--velocity", action="store_true", help="also save nodal velocities, m/s, with each state")
+    parser.add_argument(
+        "--checkpoint-every",
+        type=_seconds,
+        default=60.0,
+        metavar="S",
+        help="save the run in DIR/MODEL.checkpoint.npz after every S seconds of work; default: 60. Ctrl-C saves it too",
+    )
+    parser.add_argument("--resume", action="store_true", help="go on from the checkpoint of a run that was interrupted")
     parser.add_argument("--json", action="store_true", help="print one machine-readable summary on stdout")
 
 
@@ -226,6 +284,16 @@ def _time_step(text: str) -> float | str:
         value = math.nan
     if not 0 < value < math.inf:
         raise argparse.ArgumentTypeError(f"expected a time step above 0 s such as 1e-4, or auto, got '{text}'")
+    return value
+
+
+def _seconds(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 <= value < math.inf:
+        raise argparse.ArgumentTypeError(f"expected a number of seconds of 0 or more, got '{text}'")
     return value
 
 

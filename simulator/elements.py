@@ -1,6 +1,6 @@
 """Element geometry in the reference configuration, and the slow, plain force and energy of a whole mesh.
 
-H8 is the 8-node hexahedron with one integration point and stiffness hourglass control, T4 the linear tetrahedron, T4ANP
+H8 is the 8-node hexahedron with uniform gradient and stiffness hourglass control, T4 the linear tetrahedron, T4ANP
 the tetrahedron whose pressure is averaged at the nodes. The numpy functions here are what the compiled kernels are
 tested against; they can be read beside docs/solver.md.
 
@@ -11,6 +11,8 @@ Z. A. Taylor et al., IEEE TMI 27 (2008) 650, and NiftySim 2.5 for the convention
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 NODES_OF = {"H8": 8, "T4": 4, "T4ANP": 4}
@@ -19,19 +21,6 @@ NODES_OF = {"H8": 8, "T4": 4, "T4ANP": 4}
 CORNERS = np.array(
     [[-1, -1, -1], [1, -1, -1], [1, 1, -1], [-1, 1, -1], [-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]], dtype=float
 )
-
-
-def signed_volumes(nodes: np.ndarray, elements: np.ndarray) -> np.ndarray:
-    """(E,) m3: exact volume of tetrahedra, and of hexahedra the volume 8 det J0 of the centre, < 0 where inverted."""
-    return np.linalg.det(_centre_jacobians(nodes, elements)) * (8 if elements.shape[1] == 8 else 1 / 6)
-
-
-def _centre_jacobians(nodes: np.ndarray, elements: np.ndarray) -> np.ndarray:
-    """(E, 3, 3): dX_j / dxi_i at the centre."""
-    X = nodes[elements]
-    if elements.shape[1] == 4:
-        return X[:, 1:] - X[:, :1]
-    return np.einsum("ai,eaj->eij", CORNERS, X) / 8
 
 
 # Base vectors of the hourglass modes eta zeta, xi zeta, xi eta, xi eta zeta at the nodes, (8, 4).
@@ -46,33 +35,45 @@ HOURGLASS = np.stack(
 )
 
 
-def natural_gradients(nodes: np.ndarray, elements: np.ndarray) -> np.ndarray:
-    """(E, 3, 3) 1/m: D[k, j] = c dxi_k / dX_j at the centre, with c = 1/8 for hexahedra and 1 for tetrahedra.
-
-    The shape function gradients are dN_a / dX_j = sum_k s_ak D[k, j]; s are CORNERS for hexahedra; for tetrahedra
-    node k + 1 has s = 1 for its own k, and node 0 has s = -1 for all.
-    """
-    return np.swapaxes(np.linalg.inv(_centre_jacobians(nodes, elements)), 1, 2) / (8 if elements.shape[1] == 8 else 1)
+def volumes(nodes: np.ndarray, elements: np.ndarray) -> np.ndarray:
+    """(E,) m3: exact volume, of hexahedra that of the trilinear map; below 0 where inverted."""
+    if elements.shape[1] == 4:
+        return np.linalg.det(_edges(nodes, elements)) / 6
+    return sum(np.linalg.det(jacobian) for _, jacobian in _gauss_points(nodes, elements))
 
 
 def shape_gradients(nodes: np.ndarray, elements: np.ndarray) -> np.ndarray:
-    """(E, n, 3) 1/m: B[a, j] = dN_a / dX_j at the centre."""
-    D = natural_gradients(nodes, elements)
-    return np.einsum("ak,ekj->eaj", CORNERS if elements.shape[1] == 8 else _TETRAHEDRON, D)
+    """(E, n, 3) 1/m: B[a, j] = 1/V integral of dN_a / dX_j, the mean over the element (Flanagan and Belytschko 1981).
+
+    With the mean, unlike the value at the centre, the forces of an affine motion balance at inner nodes of any mesh.
+    """
+    if elements.shape[1] == 4:
+        return _TETRAHEDRON @ np.swapaxes(np.linalg.inv(_edges(nodes, elements)), 1, 2)
+    integral, V = np.zeros((len(elements), 8, 3)), np.zeros(len(elements))
+    for dN, jacobian in _gauss_points(nodes, elements):
+        cofactors = np.cross(jacobian[:, [1, 2, 0]], jacobian[:, [2, 0, 1]])  # det times dxi_i / dX_j
+        integral += dN @ cofactors
+        V += np.einsum("ej,ej->e", jacobian[:, 0], cofactors[:, 0])
+    return integral / V[:, None, None]
 
 
 _TETRAHEDRON = np.array([[-1, -1, -1], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype=float)
 
 
-def volumes(nodes: np.ndarray, elements: np.ndarray) -> np.ndarray:
-    """(E,) m3: exact volume, of hexahedra that of the trilinear map (2 x 2 x 2 Gauss points integrate it exactly)."""
-    if elements.shape[1] == 4:
-        return signed_volumes(nodes, elements)
-    X = nodes[elements]
-    total = np.zeros(len(elements))
+def _edges(nodes: np.ndarray, elements: np.ndarray) -> np.ndarray:
+    """(E, 3, 3): vectors from node 0 of each tetrahedron to its nodes 1, 2, 3, dX_j / dxi_i."""
+    return nodes[elements[:, 1:]] - nodes[elements[:, :1]]
+
+
+def _gauss_points(nodes: np.ndarray, elements: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """dN_a/dxi_i (8, 3) and dX_j/dxi_i (E, 3, 3) at 2 x 2 x 2 points of hexahedra; each has weight 1.
+
+    They integrate volume and mean gradients exactly: both are quadratic in each natural coordinate.
+    """
+    X = nodes[elements] - nodes[elements[:, :1]]  # far from the origin too, a flat element has no volume at all
     for point in CORNERS / np.sqrt(3):
-        total += np.linalg.det(np.einsum("ai,eaj->eij", hexahedron_gradients(point), X))
-    return total
+        dN = hexahedron_gradients(point)
+        yield dN, dN.T @ X
 
 
 def hexahedron_gradients(point: np.ndarray) -> np.ndarray:
@@ -81,10 +82,24 @@ def hexahedron_gradients(point: np.ndarray) -> np.ndarray:
     return CORNERS / 8 * np.stack([terms[:, 1] * terms[:, 2], terms[:, 0] * terms[:, 2], terms[:, 0] * terms[:, 1]], 1)
 
 
-def hourglass_vectors(nodes: np.ndarray, elements: np.ndarray) -> np.ndarray:
-    """(E, 8, 4): gamma_ai = Gamma_ai - sum_b (B_a . X_b) Gamma_bi, the modes freed of every affine displacement."""
+def gradient_amplitudes(nodes: np.ndarray, elements: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """D and W (E, 3, 3), 1/m, of hexahedra: B_aj = s_ak D_kj + Gamma_ai W_ij with s = CORNERS, Gamma = HOURGLASS.
+
+    Of the hourglass shapes only the first three take part; W is 0 in parallelepipeds, where D = (1/8) dxi_k / dX_j.
+    """
     B = shape_gradients(nodes, elements)
-    return HOURGLASS - np.einsum("eaj,ebj,bi->eai", B, nodes[elements], HOURGLASS)
+    return CORNERS.T @ B / 8, HOURGLASS[:, :3].T @ B / 8
+
+
+def hourglass_vectors(nodes: np.ndarray, elements: np.ndarray) -> np.ndarray:
+    """(E, 8, 4): gamma_ai = Gamma_ai - B_aj L_ij, the modes freed of every affine displacement."""
+    B, L = shape_gradients(nodes, elements), hourglass_extents(nodes, elements)
+    return HOURGLASS - B @ np.swapaxes(L, 1, 2)
+
+
+def hourglass_extents(nodes: np.ndarray, elements: np.ndarray) -> np.ndarray:
+    """(E, 4, 3) m: L_ij = sum_b Gamma_bi X_bj, how much of each hourglass shape the element has at rest."""
+    return HOURGLASS.T @ nodes[elements]
 
 
 def hourglass_stiffness(
@@ -103,7 +118,7 @@ def lumped_mass(nodes: np.ndarray, elements: np.ndarray, density: np.ndarray) ->
 
 
 def deformation_gradients(nodes: np.ndarray, elements: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """(E, 3, 3): F = I + sum_a u_a B_a at the centre, for displacements u (N, 3), m."""
+    """(E, 3, 3): F = I + sum_a u_a B_a, for displacements u (N, 3), m."""
     return np.eye(3) + np.einsum("eai,eaj->eij", u[elements], shape_gradients(nodes, elements))
 
 
@@ -131,12 +146,12 @@ def internal_forces(
     hourglass: float,
     u: np.ndarray,
 ) -> np.ndarray:
-    """(N, 3) N: f_a = V P B_a, for H8 with V = 8 det J0 and sum_i gamma_ai k (gamma_bi u_b) added (thesis eq. 3.48)."""
+    """(N, 3) N: f_a = V P B_a, and for H8 with sum_i gamma_ai k (gamma_bi u_b) added (thesis eq. 3.48)."""
     F, wave_modulus = _element_state(nodes, elements, element_type, materials, material_of, u)
     P = np.empty_like(F)
     for number, material in enumerate(materials):
         P[material_of == number] = material.stress(F[material_of == number])
-    V = signed_volumes(nodes, elements)
+    V = volumes(nodes, elements)
     f = np.einsum("e,eij,eaj->eai", V, P, shape_gradients(nodes, elements))
     if element_type == "H8":
         gamma = hourglass_vectors(nodes, elements)
@@ -161,7 +176,7 @@ def strain_energies(
     psi = np.empty(len(elements))
     for number, material in enumerate(materials):
         psi[material_of == number] = material.energy(F[material_of == number])
-    elastic = signed_volumes(nodes, elements) * psi
+    elastic = volumes(nodes, elements) * psi
     if element_type != "H8":
         return elastic, np.zeros(len(elements))
     modes = np.einsum("ebi,ebj->eij", hourglass_vectors(nodes, elements), u[elements])

@@ -70,6 +70,10 @@ def write_motion(motion: Motion, model: Model, path: str | Path, provenance: Map
         _dataset(file, "time_s", motion.time_s, "s")
         chunks = (1, n_nodes, 3) if frames else None  # a state is read whole, a motion state by state
         _dataset(file, "positions", motion.positions, "m", chunks=chunks, compression="gzip", compression_opts=1)
+        if motion.velocities is not None:
+            _dataset(
+                file, "velocities", motion.velocities, "m/s", chunks=chunks, compression="gzip", compression_opts=1
+            )
         _dataset(file, "nodes", motion.nodes, "m")
         _dataset(file, "elements", model.elements)
         _dataset(file, "material_of", model.material_of)
@@ -100,6 +104,7 @@ def load_motion(path: str | Path) -> Motion:
             steps=int(file.attrs["steps"]),
             stopped=None if stopped is None else Stop(**json.loads(stopped)),
             settings=json.loads(file.attrs["settings"]),
+            velocities=file["velocities"][()] if "velocities" in file else None,
         )
 
 
@@ -144,7 +149,8 @@ def write_vtk(
     """Write a motion for ParaView: a collection `path` (.pvd) with the time of each state, and its states (.vtu).
 
     The states lie in a folder beside the collection, `<stem>_vtu/`. The points stand where the nodes are; point data
-    `displacement` (m) leads there from rest, cell data `material` is the number of the material.
+    `displacement` (m) leads there from rest, `velocity` (m/s) is there where the motion has it; cell data `material` is
+    the number of the material.
 
     Parameters
     ----------
@@ -164,12 +170,15 @@ def write_vtk(
     folder = path.with_name(f"{path.stem}_vtu")
     files = [folder / f"{path.stem}_{frame:05d}.vtu" for frame in range(len(motion.time_s))]
     for frame in tick(range(len(files))):
+        point_data = {"displacement": motion.positions[frame] - motion.nodes}
+        if motion.velocities is not None:
+            point_data["velocity"] = motion.velocities[frame]
         write_vtu(
             files[frame],
             motion.positions[frame],
             model.elements,
             model.element_type,
-            {"displacement": motion.positions[frame] - motion.nodes},
+            point_data,
             {"material": model.material_of},
             motion.time_s[frame],
         )

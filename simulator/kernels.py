@@ -18,12 +18,14 @@ from simulator.simd import (
     lanes,
     load,
     load_as,
+    load_product_as,
     lowest,
     meet,
     poison_unless_positive,
     scatter_add,
     scatter_add_line,
     splat,
+    spread,
     store,
     total,
     zero,
@@ -31,9 +33,9 @@ from simulator.simd import (
 
 NEO_HOOKEAN, ST_VENANT_KIRCHHOFF, VISCO_NEO_HOOKEAN = 0, 1, 2  # which law a batch follows
 
-# Constants of a batch, in this order: natural gradients D (9), two stiffnesses times volume, then
-#   H8: hourglass stiffness k, shape correction M (4 x 3);  T4ANP: 1 / bulk modulus, bulk modulus times volume.
-CONSTANTS = {"H8": 9 + 2 + 1 + 12, "T4": 9 + 2, "T4ANP": 9 + 2 + 2}
+# Constants of a batch, in this order: gradient amplitudes D (9), of H8 also W (9), two stiffnesses times volume, then
+#   H8: hourglass stiffness k, hourglass extents L (4 x 3);  T4ANP: 1 / bulk modulus, bulk modulus times volume.
+CONSTANTS = {"H8": 9 + 9 + 2 + 1 + 12, "T4": 9 + 2, "T4ANP": 9 + 2 + 2}
 HISTORY = 9  # per viscous term: 1 isochoric or 0 volumetric, two factors of the update, six stresses
 
 # Rows of the log, one column per step.
@@ -43,12 +45,12 @@ LOG_ROWS = 4
 # Why `advance` came back.
 DONE, INVERTED, ENERGY_GREW = range(3)
 
-# Damping and external work so far, most external work, sums m du^2 and m du du_old, m du (3), and what to multiply the
-# work of the next step by: 1, or old over new step where it has just changed, as increments were scaled to the new.
-LEDGER = 9
+# Damping and external work so far, most external work, sums m du^2 and m du du_old, and what to multiply the work of
+# the next step by: 1, or old over new step where it has just changed, as increments were scaled to the new.
+LEDGER = 6
 # What a part reports of a step: places in its 16 doubles, two cache lines.
 STATS = 16
-SQUARE, PRODUCT, LOWEST_J, WORK, MOMENTUM = 0, 1, 2, 3, 8
+SQUARE, PRODUCT, LOWEST_J, WORK = range(4)
 
 
 class H8Elements(NamedTuple):
@@ -100,12 +102,14 @@ class T4ANPElements(NamedTuple):
 class Nodes(NamedTuple):
     """Nodal records of 4 numbers, the 4th unused unless said; the last records belong to empty elements.
 
+    The 4th of `forces` may hold anything finite, as it is multiplied by the 4th of `compliance`, 0.
+
     seen : (M, 4) displacement as the elements see it, m, in their precision; 4th for T4ANP: nodal pressure
     forces : (P, M, 4) sum of one part's forces, N, in the precision of the elements; 4th for T4ANP: summed pressure
     rest : (M, 4) position at rest, m
     u, du : (M, 4) displacement and its last increment, m, in the precision of the nodal sums
     compliance : (M, 4) dt2/m / (1 + alpha dt/2), s2/kg; 0 where fixed, 1 where prescribed
-    mass : (M, 4) kg
+    mass : (M,) kg
     inverse_volume : (M,) 1/m3, one over the volume of the elements at a node, for T4ANP
     starts : (P + 1,), touched : (P, P, 2) as in partition.Partition
     """
@@ -310,103 +314,167 @@ def _corners(xi, eta, zeta, eta_zeta, xi_zeta, xi_eta, xi_eta_zeta):
     return a0 - b0, a0 + b0, a1 + b1, a1 - b1, a2 - b2, a2 + b2, a3 + b3, a3 - b3
 
 
-@njit(forceinline=True)
-def _hourglass(k, m0, m1, m2, xi, eta, zeta, mode):
-    """k gamma^T u of one hourglass mode and one component."""
-    return k * (mode - (m0 * xi + m1 * eta + m2 * zeta))
+# Vectors kept for a batch of hexahedra: 3 components x 8 corners, slopes or stresses (9), hourglass modes (12).
+KEPT = 24 + 9 + 12
+SLOPES, MODES = 24, 33  # where the latter two begin
+GROUP = 4  # batches that go from phase to phase together
 
 
 @njit
-def _h8_forces(elements, part, seen, forces):
-    """Add the forces of one part's hexahedra to `forces` (M, 4); return the lowest J."""
+def _h8_forces(elements, part, seen, forces, scratch):
+    """Add the forces of one part's hexahedra to `forces` (M, 4); return the lowest J.
+
+    The work is cut in phases that fit the 16 registers of most processors, with `scratch` in the first cache between
+    them; a phase is done for a group of batches, so that the processor has several to work on while one waits for a
+    result. The three components go through the same code one after the other.
+    """
     constants, numbers = elements.constants, elements.numbers
     L = lanes(constants)
     low = splat(zero(constants), 1e30)
-    for batch in range(elements.starts[part], elements.starts[part + 1]):
-        n, run = batch * 8 * L, elements.run[batch]
-        x0, y0, z0, _ = gather(seen, numbers, n, run)
-        x1, y1, z1, _ = gather(seen, numbers, n + L, run)
-        x2, y2, z2, _ = gather(seen, numbers, n + 2 * L, run)
-        x3, y3, z3, _ = gather(seen, numbers, n + 3 * L, run)
-        x4, y4, z4, _ = gather(seen, numbers, n + 4 * L, run)
-        x5, y5, z5, _ = gather(seen, numbers, n + 5 * L, run)
-        x6, y6, z6, _ = gather(seen, numbers, n + 6 * L, run)
-        x7, y7, z7, _ = gather(seen, numbers, n + 7 * L, run)
-        xa, xb, xc, x_bc, x_ac, x_ab, x_abc = _modes(x0, x1, x2, x3, x4, x5, x6, x7)
-        ya, yb, yc, y_bc, y_ac, y_ab, y_abc = _modes(y0, y1, y2, y3, y4, y5, y6, y7)
-        za, zb, zc, z_bc, z_ac, z_ab, z_abc = _modes(z0, z1, z2, z3, z4, z5, z6, z7)
-
-        q = batch * 24 * L
-        D00, D01, D02 = load(constants, q), load(constants, q + L), load(constants, q + 2 * L)
-        D10, D11, D12 = load(constants, q + 3 * L), load(constants, q + 4 * L), load(constants, q + 5 * L)
-        D20, D21, D22 = load(constants, q + 6 * L), load(constants, q + 7 * L), load(constants, q + 8 * L)
-        P00, P01, P02, P10, P11, P12, P20, P21, P22, J = _stress(
-            elements.law[batch],
-            1.0 + (xa * D00 + xb * D10 + xc * D20),
-            xa * D01 + xb * D11 + xc * D21,
-            xa * D02 + xb * D12 + xc * D22,
-            ya * D00 + yb * D10 + yc * D20,
-            1.0 + (ya * D01 + yb * D11 + yc * D21),
-            ya * D02 + yb * D12 + yc * D22,
-            za * D00 + zb * D10 + zc * D20,
-            za * D01 + zb * D11 + zc * D21,
-            1.0 + (za * D02 + zb * D12 + zc * D22),
-            load(constants, q + 9 * L),
-            load(constants, q + 10 * L),
-            elements.history,
-            batch * elements.terms * HISTORY * L,
-            elements.terms,
-        )
-        low = poison_unless_positive(low, J)
-
-        k = load(constants, q + 11 * L)
-        m0, m1, m2 = load(constants, q + 12 * L), load(constants, q + 13 * L), load(constants, q + 14 * L)
-        x_bc = _hourglass(k, m0, m1, m2, xa, xb, xc, x_bc)
-        y_bc = _hourglass(k, m0, m1, m2, ya, yb, yc, y_bc)
-        z_bc = _hourglass(k, m0, m1, m2, za, zb, zc, z_bc)
-        tx0, tx1, tx2 = m0 * x_bc, m1 * x_bc, m2 * x_bc
-        ty0, ty1, ty2 = m0 * y_bc, m1 * y_bc, m2 * y_bc
-        tz0, tz1, tz2 = m0 * z_bc, m1 * z_bc, m2 * z_bc
-        m0, m1, m2 = load(constants, q + 15 * L), load(constants, q + 16 * L), load(constants, q + 17 * L)
-        x_ac = _hourglass(k, m0, m1, m2, xa, xb, xc, x_ac)
-        y_ac = _hourglass(k, m0, m1, m2, ya, yb, yc, y_ac)
-        z_ac = _hourglass(k, m0, m1, m2, za, zb, zc, z_ac)
-        tx0, tx1, tx2 = tx0 + m0 * x_ac, tx1 + m1 * x_ac, tx2 + m2 * x_ac
-        ty0, ty1, ty2 = ty0 + m0 * y_ac, ty1 + m1 * y_ac, ty2 + m2 * y_ac
-        tz0, tz1, tz2 = tz0 + m0 * z_ac, tz1 + m1 * z_ac, tz2 + m2 * z_ac
-        m0, m1, m2 = load(constants, q + 18 * L), load(constants, q + 19 * L), load(constants, q + 20 * L)
-        x_ab = _hourglass(k, m0, m1, m2, xa, xb, xc, x_ab)
-        y_ab = _hourglass(k, m0, m1, m2, ya, yb, yc, y_ab)
-        z_ab = _hourglass(k, m0, m1, m2, za, zb, zc, z_ab)
-        tx0, tx1, tx2 = tx0 + m0 * x_ab, tx1 + m1 * x_ab, tx2 + m2 * x_ab
-        ty0, ty1, ty2 = ty0 + m0 * y_ab, ty1 + m1 * y_ab, ty2 + m2 * y_ab
-        tz0, tz1, tz2 = tz0 + m0 * z_ab, tz1 + m1 * z_ab, tz2 + m2 * z_ab
-        m0, m1, m2 = load(constants, q + 21 * L), load(constants, q + 22 * L), load(constants, q + 23 * L)
-        x_abc = _hourglass(k, m0, m1, m2, xa, xb, xc, x_abc)
-        y_abc = _hourglass(k, m0, m1, m2, ya, yb, yc, y_abc)
-        z_abc = _hourglass(k, m0, m1, m2, za, zb, zc, z_abc)
-        tx0, tx1, tx2 = tx0 + m0 * x_abc, tx1 + m1 * x_abc, tx2 + m2 * x_abc
-        ty0, ty1, ty2 = ty0 + m0 * y_abc, ty1 + m1 * y_abc, ty2 + m2 * y_abc
-        tz0, tz1, tz2 = tz0 + m0 * z_abc, tz1 + m1 * z_abc, tz2 + m2 * z_abc
-
-        # Force amplitude along each natural axis: P D^T less what the hourglass modes take from it.
-        xa = P00 * D00 + P01 * D01 + P02 * D02 - tx0
-        xb = P00 * D10 + P01 * D11 + P02 * D12 - tx1
-        xc = P00 * D20 + P01 * D21 + P02 * D22 - tx2
-        ya = P10 * D00 + P11 * D01 + P12 * D02 - ty0
-        yb = P10 * D10 + P11 * D11 + P12 * D12 - ty1
-        yc = P10 * D20 + P11 * D21 + P12 * D22 - ty2
-        za = P20 * D00 + P21 * D01 + P22 * D02 - tz0
-        zb = P20 * D10 + P21 * D11 + P22 * D12 - tz1
-        zc = P20 * D20 + P21 * D21 + P22 * D22 - tz2
-        x0, x1, x2, x3, x4, x5, x6, x7 = _corners(xa, xb, xc, x_bc, x_ac, x_ab, x_abc)
-        y0, y1, y2, y3, y4, y5, y6, y7 = _corners(ya, yb, yc, y_bc, y_ac, y_ab, y_abc)
-        z0, z1, z2, z3, z4, z5, z6, z7 = _corners(za, zb, zc, z_bc, z_ac, z_ab, z_abc)
-        scatter_add_line(forces, numbers, n, n + L, run, x0, y0, z0, x1, y1, z1)
-        scatter_add_line(forces, numbers, n + 3 * L, n + 2 * L, run, x3, y3, z3, x2, y2, z2)
-        scatter_add_line(forces, numbers, n + 4 * L, n + 5 * L, run, x4, y4, z4, x5, y5, z5)
-        scatter_add_line(forces, numbers, n + 7 * L, n + 6 * L, run, x7, y7, z7, x6, y6, z6)
+    end = elements.starts[part + 1]
+    for first in range(elements.starts[part], end, GROUP):
+        last = min(first + GROUP, end)
+        for batch in range(first, last):
+            n, at, run = batch * 8 * L, (batch - first) * KEPT * L, elements.run[batch]
+            for corner in range(8):
+                x, y, z, _ = gather(seen, numbers, n + corner * L, run)
+                store(scratch, at + corner * L, x)
+                store(scratch, at + (8 + corner) * L, y)
+                store(scratch, at + (16 + corner) * L, z)
+        for batch in range(first, last):
+            q, at = batch * 33 * L, (batch - first) * KEPT * L
+            for i in range(3):
+                slopes, modes = at + (SLOPES + 3 * i) * L, at + (MODES + 4 * i) * L
+                _gradient_of_component(constants, q, scratch, at + 8 * i * L, slopes, modes, L)
+        for batch in range(first, last):
+            q, h = batch * 33 * L, ((batch - first) * KEPT + SLOPES) * L
+            P00, P01, P02, P10, P11, P12, P20, P21, P22, J = _stress(
+                elements.law[batch],
+                1.0 + load(scratch, h),
+                load(scratch, h + L),
+                load(scratch, h + 2 * L),
+                load(scratch, h + 3 * L),
+                1.0 + load(scratch, h + 4 * L),
+                load(scratch, h + 5 * L),
+                load(scratch, h + 6 * L),
+                load(scratch, h + 7 * L),
+                1.0 + load(scratch, h + 8 * L),
+                load(constants, q + 18 * L),
+                load(constants, q + 19 * L),
+                elements.history,
+                batch * elements.terms * HISTORY * L,
+                elements.terms,
+            )
+            low = poison_unless_positive(low, J)
+            store(scratch, h, P00)
+            store(scratch, h + L, P01)
+            store(scratch, h + 2 * L, P02)
+            store(scratch, h + 3 * L, P10)
+            store(scratch, h + 4 * L, P11)
+            store(scratch, h + 5 * L, P12)
+            store(scratch, h + 6 * L, P20)
+            store(scratch, h + 7 * L, P21)
+            store(scratch, h + 8 * L, P22)
+        for batch in range(first, last):
+            q, at = batch * 33 * L, (batch - first) * KEPT * L
+            for i in range(3):
+                slopes, modes = at + (SLOPES + 3 * i) * L, at + (MODES + 4 * i) * L
+                _forces_of_component(constants, q, scratch, at + 8 * i * L, slopes, modes, L)
+        for batch in range(first, last):
+            n, at, run = batch * 8 * L, (batch - first) * KEPT * L, elements.run[batch]
+            for a, b in ((0, 1), (3, 2), (4, 5), (7, 6)):
+                scatter_add_line(
+                    forces,
+                    numbers,
+                    n + a * L,
+                    n + b * L,
+                    run,
+                    load(scratch, at + a * L),
+                    load(scratch, at + (8 + a) * L),
+                    load(scratch, at + (16 + a) * L),
+                    load(scratch, at + b * L),
+                    load(scratch, at + (8 + b) * L),
+                    load(scratch, at + (16 + b) * L),
+                )
     return lowest(low)
+
+
+@njit(forceinline=True)
+def _gradient_of_component(constants, q, scratch, u, slopes, modes, L):
+    """du/dX = s_ak D_kj + Gamma_ai W_ij and k gamma^T u of one component from its corner values, all in scratch."""
+    xi, eta, zeta, eta_zeta, xi_zeta, xi_eta, xi_eta_zeta = _modes(
+        load(scratch, u),
+        load(scratch, u + L),
+        load(scratch, u + 2 * L),
+        load(scratch, u + 3 * L),
+        load(scratch, u + 4 * L),
+        load(scratch, u + 5 * L),
+        load(scratch, u + 6 * L),
+        load(scratch, u + 7 * L),
+    )
+    H0 = xi * load(constants, q) + eta * load(constants, q + 3 * L) + zeta * load(constants, q + 6 * L)
+    H1 = xi * load(constants, q + L) + eta * load(constants, q + 4 * L) + zeta * load(constants, q + 7 * L)
+    H2 = xi * load(constants, q + 2 * L) + eta * load(constants, q + 5 * L) + zeta * load(constants, q + 8 * L)
+    w = q + 9 * L
+    H0 = H0 + eta_zeta * load(constants, w) + xi_zeta * load(constants, w + 3 * L) + xi_eta * load(constants, w + 6 * L)
+    H1 = H1 + eta_zeta * load(constants, w + L)
+    H1 = H1 + xi_zeta * load(constants, w + 4 * L) + xi_eta * load(constants, w + 7 * L)
+    H2 = H2 + eta_zeta * load(constants, w + 2 * L)
+    H2 = H2 + xi_zeta * load(constants, w + 5 * L) + xi_eta * load(constants, w + 8 * L)
+    store(scratch, slopes, H0)
+    store(scratch, slopes + L, H1)
+    store(scratch, slopes + 2 * L, H2)
+    k, g = load(constants, q + 20 * L), q + 21 * L
+    store(scratch, modes, k * _freed(constants, g, L, eta_zeta, H0, H1, H2))
+    store(scratch, modes + L, k * _freed(constants, g + 3 * L, L, xi_zeta, H0, H1, H2))
+    store(scratch, modes + 2 * L, k * _freed(constants, g + 6 * L, L, xi_eta, H0, H1, H2))
+    store(scratch, modes + 3 * L, k * _freed(constants, g + 9 * L, L, xi_eta_zeta, H0, H1, H2))
+
+
+@njit(forceinline=True)
+def _freed(constants, g, L, mode, H0, H1, H2):
+    """Amplitude of one hourglass mode less that of the affine motion."""
+    mode = mode - load(constants, g) * H0
+    mode = mode - load(constants, g + L) * H1
+    return mode - load(constants, g + 2 * L) * H2
+
+
+@njit(forceinline=True)
+def _forces_of_component(constants, q, scratch, f, slopes, modes, L):
+    """Corner forces of one component from V P and the hourglass modes': `_gradient_of_component` transposed."""
+    eta_zeta, xi_zeta = load(scratch, modes), load(scratch, modes + L)
+    xi_eta, xi_eta_zeta = load(scratch, modes + 2 * L), load(scratch, modes + 3 * L)
+    g = q + 21 * L
+    t0 = _reduced(constants, g, L, load(scratch, slopes), eta_zeta, xi_zeta, xi_eta, xi_eta_zeta)
+    t1 = _reduced(constants, g + L, L, load(scratch, slopes + L), eta_zeta, xi_zeta, xi_eta, xi_eta_zeta)
+    t2 = _reduced(constants, g + 2 * L, L, load(scratch, slopes + 2 * L), eta_zeta, xi_zeta, xi_eta, xi_eta_zeta)
+    w = q + 9 * L
+    eta_zeta = eta_zeta + t0 * load(constants, w) + t1 * load(constants, w + L) + t2 * load(constants, w + 2 * L)
+    w = q + 12 * L
+    xi_zeta = xi_zeta + t0 * load(constants, w) + t1 * load(constants, w + L) + t2 * load(constants, w + 2 * L)
+    w = q + 15 * L
+    xi_eta = xi_eta + t0 * load(constants, w) + t1 * load(constants, w + L) + t2 * load(constants, w + 2 * L)
+    xi = t0 * load(constants, q) + t1 * load(constants, q + L) + t2 * load(constants, q + 2 * L)
+    eta = t0 * load(constants, q + 3 * L) + t1 * load(constants, q + 4 * L) + t2 * load(constants, q + 5 * L)
+    zeta = t0 * load(constants, q + 6 * L) + t1 * load(constants, q + 7 * L) + t2 * load(constants, q + 8 * L)
+    f0, f1, f2, f3, f4, f5, f6, f7 = _corners(xi, eta, zeta, eta_zeta, xi_zeta, xi_eta, xi_eta_zeta)
+    store(scratch, f, f0)
+    store(scratch, f + L, f1)
+    store(scratch, f + 2 * L, f2)
+    store(scratch, f + 3 * L, f3)
+    store(scratch, f + 4 * L, f4)
+    store(scratch, f + 5 * L, f5)
+    store(scratch, f + 6 * L, f6)
+    store(scratch, f + 7 * L, f7)
+
+
+@njit(forceinline=True)
+def _reduced(constants, g, L, t, eta_zeta, xi_zeta, xi_eta, xi_eta_zeta):
+    """V P along one axis less what the hourglass modes take from it."""
+    t = t - load(constants, g) * eta_zeta
+    t = t - load(constants, g + 3 * L) * xi_zeta
+    t = t - load(constants, g + 6 * L) * xi_eta
+    return t - load(constants, g + 9 * L) * xi_eta_zeta
 
 
 @njit(forceinline=True)
@@ -578,19 +646,37 @@ def _push_faces(loads, nodes, part, curves, step):
 def _push_nodes(loads, nodes, part, curves, step):
     """Take nodal forces from one part's internal forces; return their work over the last increment."""
     forces, du = nodes.forces[part].reshape(-1), nodes.du.reshape(-1)
+    before, now = np.uintp(step - 1), np.uintp(step)
     work = 0.0
-    for i in range(loads.force_starts[part], loads.force_starts[part + 1]):
+    for i in range(np.uintp(loads.force_starts[part]), np.uintp(loads.force_starts[part + 1])):
         dof, curve = loads.force_dof[i], loads.force_curve[i]
-        force = loads.force_n[i] * curves[curve, step]
+        force = loads.force_n[i] * curves[curve, now]
         forces[dof] -= force
-        work += 0.5 * (loads.force_n[i] * curves[curve, step - 1] + force) * du[dof]
-    return work
+        work += (loads.force_n[i] * curves[curve, before] + force) * du[dof]
+    return 0.5 * work
 
 
 @njit
-def _move_nodes(loads, nodes, part, curves, step, gravity, keep, damping, dt):
+def _pull_nodes(nodes, part, before, now):
+    """Take the weight from one part's internal forces; return the work of gravity over the last increment.
+
+    before, now : (8,) acceleration of all nodes in the last and in this step, m/s2, each x, y, z, 0 twice
+    """
+    du, own = nodes.du.reshape(-1), nodes.forces[part].reshape(-1)
+    L = lanes(du)
+    g, momentum = load_as(du, now, 0), zero(du)
+    for i in range(4 * nodes.starts[part], 4 * nodes.starts[part + 1], L):
+        m = spread(du, nodes.mass, i // 4)
+        momentum = momentum + m * load(du, i)
+        store(own, i, load_as(du, own, i) - m * g)
+    mean = 0.5 * (load_as(du, before, 0) + g)
+    return total(momentum * mean)
+
+
+@njit
+def _move_nodes(loads, nodes, part, curves, step, keep, damping, dt):
     """Turn the forces of prescribed degrees of freedom into what brings them to place; return the constraints' work."""
-    u, du, mass = nodes.u.reshape(-1), nodes.du.reshape(-1), nodes.mass.reshape(-1)
+    u, du = nodes.u.reshape(-1), nodes.du.reshape(-1)
     own = nodes.forces[part].reshape(-1)
     parts = nodes.forces.shape[0]
     work = 0.0
@@ -603,11 +689,11 @@ def _move_nodes(loads, nodes, part, curves, step, gravity, keep, damping, dt):
         for other in range(parts):
             force += nodes.forces[other, dof // 4, dof % 4]
             nodes.forces[other, dof // 4, dof % 4] = 0.0
-        m, old, new = mass[dof], du[dof], target - u[dof]
-        force += m * ((new - old) / (dt * dt) + damping * (new + old) / (2.0 * dt) - gravity[dof % 4])
+        old, new = du[dof], target - u[dof]
+        force += nodes.mass[dof // 4] * ((new - old) / (dt * dt) + damping * (new + old) / (2.0 * dt))
         work += 0.5 * (loads.reaction[i] + force) * old
         loads.reaction[i] = force
-        own[dof] = keep * old - new + m * gravity[dof % 4]
+        own[dof] = keep * old - new
     return work
 
 
@@ -615,13 +701,13 @@ def _move_nodes(loads, nodes, part, curves, step, gravity, keep, damping, dt):
 
 
 @njit
-def _advance_nodes(nodes, part, keep, gravity, stats):
-    """du <- keep du - compliance (f - m g), u <- u + du, f <- 0 (thesis eq. 3.55 as increments); its sums.
+def _advance_nodes(nodes, part, keep, stats):
+    """du <- keep du - compliance f, u <- u + du, f <- 0 (thesis eq. 3.55 as increments); its sums.
 
-    keep = (1 - alpha dt/2) / (1 + alpha dt/2). Writes sum m du_new^2, sum m du_new du_old and sum m du_new to `stats`.
+    keep = (1 - alpha dt/2) / (1 + alpha dt/2). Writes sum m du_new^2 and sum m du_new du_old to `stats`.
     """
     u, du, seen = nodes.u.reshape(-1), nodes.du.reshape(-1), nodes.seen.reshape(-1)
-    compliance, mass = nodes.compliance.reshape(-1), nodes.mass.reshape(-1)
+    compliance, mass = nodes.compliance.reshape(-1), nodes.mass
     own = nodes.forces[part].reshape(-1)
     first, last = 4 * nodes.starts[part], 4 * nodes.starts[part + 1]
     for other in range(part + 1, nodes.forces.shape[0]):
@@ -630,39 +716,39 @@ def _advance_nodes(nodes, part, keep, gravity, stats):
             own[i] += foreign[i]
             foreign[i] = 0.0
     L = lanes(u)
-    g, nothing = load_as(u, gravity, 0), zero(u)
-    square, product, momentum = nothing, nothing, nothing
+    nothing = zero(u)
+    square, product = nothing, nothing
     for i in range(first, last, L):
-        old, m = load(du, i), load_as(u, mass, i)
-        new = keep * old - load_as(u, compliance, i) * (load_as(u, own, i) - m * g)
+        old = load(du, i)
+        new = keep * old - load_product_as(u, compliance, own, i)
         moved = load(u, i) + new
         store(du, i, new)
         store(u, i, moved)
         store(seen, i, moved)
         store(own, i, nothing)
-        impulse = m * new
+        impulse = spread(u, mass, i // 4) * new
         square = square + impulse * new
         product = product + impulse * old
-        momentum = momentum + impulse
     stats[SQUARE], stats[PRODUCT] = total(square), total(product)
-    store(stats, MOMENTUM, momentum)
 
 
 # ---- steps ----------------------------------------------------------------------------------------------------------
 
 
-def element_forces(elements, nodes, part):
+def element_forces(elements, nodes, part, scratch):
     """Add the internal forces of one part's elements to its nodes' forces; return the lowest J."""
     raise NotImplementedError("compiled code only")
 
 
 @overload(element_forces)
-def _element_forces(elements, nodes, part):
+def _element_forces(elements, nodes, part, scratch):
     if elements.instance_class is H8Elements:
-        return lambda elements, nodes, part: _h8_forces(elements, part, nodes.seen, nodes.forces[part])
+        return lambda elements, nodes, part, scratch: _h8_forces(
+            elements, part, nodes.seen, nodes.forces[part], scratch
+        )
     if elements.instance_class is T4Elements:
-        return lambda elements, nodes, part: _t4_forces(elements, part, nodes.seen, nodes.forces[part], False)
-    return lambda elements, nodes, part: _t4_forces(elements, part, nodes.seen, nodes.forces[part], True)
+        return lambda elements, nodes, part, scratch: _t4_forces(elements, part, nodes.seen, nodes.forces[part], False)
+    return lambda elements, nodes, part, scratch: _t4_forces(elements, part, nodes.seen, nodes.forces[part], True)
 
 
 def averages_pressure(elements) -> bool:
@@ -692,6 +778,7 @@ def _element_pressures(elements, nodes, part):
 def internal_forces(elements, nodes):
     """Leave the sum of all parts' internal forces of the displacements `seen` in forces[0]; return the lowest J."""
     parts = nodes.forces.shape[0]
+    scratch = np.empty(GROUP * KEPT * lanes(elements.constants), elements.constants.dtype)
     low = 1e30
     nodes.forces[:] = 0.0
     if averages_pressure(elements):
@@ -700,7 +787,7 @@ def internal_forces(elements, nodes):
         for part in range(parts):
             _average_pressures(nodes, part)
     for part in range(parts):
-        low = min(low, element_forces(elements, nodes, part))
+        low = min(low, element_forces(elements, nodes, part, scratch))
     for part in range(1, parts):
         nodes.forces[0] += nodes.forces[part]
     return low
@@ -726,13 +813,14 @@ def advance(
     parts = nodes.forces.shape[0]
     first, last = thread * parts // threads, (thread + 1) * parts // threads
     lost, done_work, most, square, product = ledger[0], ledger[1], ledger[2], ledger[3], ledger[4]
-    px, py, pz, rescale = ledger[5], ledger[6], ledger[7], ledger[8]
-    flat_gravity = gravity.reshape(-1)
+    rescale = ledger[5]
+    scratch = np.empty(GROUP * KEPT * lanes(elements.constants), elements.constants.dtype)
     meeting = 0
     reason = DONE
     done = 0
     for step in range(steps):
         at = column + step
+        pulled = np.any(gravity[at - 1 : at + 1] != 0.0)
         parity = step % 2
         for part in range(first, last):
             mine = stats[parity, part]
@@ -741,7 +829,7 @@ def advance(
             if averages_pressure(elements):
                 mine[LOWEST_J] = element_pressures(elements, nodes, part)
             else:
-                mine[LOWEST_J] = element_forces(elements, nodes, part)
+                mine[LOWEST_J] = element_forces(elements, nodes, part, scratch)
         meeting += 1
         meet(arrived, threads, meeting)
         if averages_pressure(elements):
@@ -751,33 +839,29 @@ def advance(
             meet(arrived, threads, meeting)
             for part in range(first, last):
                 mine = stats[parity, part]
-                mine[LOWEST_J] = min(mine[LOWEST_J], element_forces(elements, nodes, part))
+                mine[LOWEST_J] = min(mine[LOWEST_J], element_forces(elements, nodes, part, scratch))
             meeting += 1
             meet(arrived, threads, meeting)
         for part in range(first, last):
             mine = stats[parity, part]
             mine[WORK] += _push_nodes(loads, nodes, part, curves, at)
-            mine[WORK] += _move_nodes(loads, nodes, part, curves, at, gravity[at], keep, damping, dt)
-            _advance_nodes(nodes, part, keep, flat_gravity[8 * at : 8 * at + 8], mine)
+            if pulled:
+                mine[WORK] += _pull_nodes(nodes, part, gravity[at - 1], gravity[at])
+            mine[WORK] += _move_nodes(loads, nodes, part, curves, at, keep, damping, dt)
+            _advance_nodes(nodes, part, keep, mine)
         meeting += 1
         meet(arrived, threads, meeting)
 
         # Every thread adds up the same numbers in the same order, so all of them take the same decision.
         low, work = 1e30, 0.0
-        work += 0.5 * (gravity[at - 1, 0] + gravity[at, 0]) * px
-        work += 0.5 * (gravity[at - 1, 1] + gravity[at, 1]) * py
-        work += 0.5 * (gravity[at - 1, 2] + gravity[at, 2]) * pz
         old_square, old_product = square, product
-        square, product, px, py, pz = 0.0, 0.0, 0.0, 0.0, 0.0
+        square, product = 0.0, 0.0
         for part in range(parts):
             mine = stats[parity, part]
             low = min(low, mine[LOWEST_J])
             work += mine[WORK]
             square += mine[SQUARE]
             product += mine[PRODUCT]
-            px += mine[MOMENTUM] + mine[MOMENTUM + 4]
-            py += mine[MOMENTUM + 1] + mine[MOMENTUM + 5]
-            pz += mine[MOMENTUM + 2] + mine[MOMENTUM + 6]
         kinetic = product / (2.0 * dt * dt)
         lost += rescale * damping / (4.0 * dt) * (2.0 * old_square + product + old_product)
         done_work += rescale * work
@@ -795,7 +879,7 @@ def advance(
             break
     if thread == 0:
         ledger[0], ledger[1], ledger[2], ledger[3], ledger[4] = lost, done_work, most, square, product
-        ledger[5], ledger[6], ledger[7], ledger[8] = px, py, pz, rescale
+        ledger[5] = rescale
     return reason, done
 
 
@@ -803,8 +887,8 @@ def advance(
 
 
 @njit(forceinline=True)
-def _gradient(elements, e, D, u, modes):
-    """F of one element, and for hexahedra the amplitudes of its hourglass shapes, in rows 3 to 6 of modes (7, 3)."""
+def _gradient(elements, e, D, W, u, F, modes):
+    """Fill F (3, 3) of one element, and for hexahedra rows 3 to 6 of modes (7, 3), its hourglass shapes' amplitudes."""
     for i in range(3):
         if elements.shape[1] == 8:
             modes[0, i], modes[1, i], modes[2, i], modes[3, i], modes[4, i], modes[5, i], modes[6, i] = _modes(
@@ -820,30 +904,27 @@ def _gradient(elements, e, D, u, modes):
         else:
             for k in range(3):
                 modes[k, i] = u[elements[e, k + 1], i] - u[elements[e, 0], i]
-    return (
-        1.0 + (modes[0, 0] * D[e, 0, 0] + modes[1, 0] * D[e, 1, 0] + modes[2, 0] * D[e, 2, 0]),
-        modes[0, 0] * D[e, 0, 1] + modes[1, 0] * D[e, 1, 1] + modes[2, 0] * D[e, 2, 1],
-        modes[0, 0] * D[e, 0, 2] + modes[1, 0] * D[e, 1, 2] + modes[2, 0] * D[e, 2, 2],
-        modes[0, 1] * D[e, 0, 0] + modes[1, 1] * D[e, 1, 0] + modes[2, 1] * D[e, 2, 0],
-        1.0 + (modes[0, 1] * D[e, 0, 1] + modes[1, 1] * D[e, 1, 1] + modes[2, 1] * D[e, 2, 1]),
-        modes[0, 1] * D[e, 0, 2] + modes[1, 1] * D[e, 1, 2] + modes[2, 1] * D[e, 2, 2],
-        modes[0, 2] * D[e, 0, 0] + modes[1, 2] * D[e, 1, 0] + modes[2, 2] * D[e, 2, 0],
-        modes[0, 2] * D[e, 0, 1] + modes[1, 2] * D[e, 1, 1] + modes[2, 2] * D[e, 2, 1],
-        1.0 + (modes[0, 2] * D[e, 0, 2] + modes[1, 2] * D[e, 1, 2] + modes[2, 2] * D[e, 2, 2]),
-    )
+    for i in range(3):
+        for j in range(3):
+            F[i, j] = 1.0 if i == j else 0.0
+            for k in range(3):
+                F[i, j] += modes[k, i] * D[e, k, j]
+                if len(W) > 0:
+                    F[i, j] += modes[3 + k, i] * W[e, k, j]
+    return F[0, 0], F[0, 1], F[0, 2], F[1, 0], F[1, 1], F[1, 2], F[2, 0], F[2, 1], F[2, 2]
 
 
 @njit(cache=True, nogil=True)
-def strain_energies(elements, D, GV, KV, law, k, M, u):
+def strain_energies(elements, D, W, GV, KV, law, k, L, u):
     """Elastic and hourglass energy of a mesh, J: sum of V psi(F) and of k/2 |gamma^T u|^2.
 
-    elements (E, n), D (E, 3, 3), GV, KV (E,) stiffness times volume, law (E,), k (E,) and M (E, 4, 3) of hexahedra,
-    u (N, 3) m; u[n] belongs to node n of `elements`.
+    elements (E, n), D (E, 3, 3), GV, KV (E,) stiffness times volume, law (E,), W (E, 3, 3), k (E,) and L (E, 4, 3) of
+    hexahedra, u (N, 3) m; u[n] belongs to node n of `elements`.
     """
     elastic, hourglass = 0.0, 0.0
-    modes = np.zeros((7, 3))
+    F, modes = np.zeros((3, 3)), np.zeros((7, 3))
     for e in range(len(elements)):
-        F00, F01, F02, F10, F11, F12, F20, F21, F22 = _gradient(elements, e, D, u, modes)
+        F00, F01, F02, F10, F11, F12, F20, F21, F22 = _gradient(elements, e, D, W, u, F, modes)
         c00, c01, c02, _, _, _, _, _, _ = _cofactors(F00, F01, F02, F10, F11, F12, F20, F21, F22)
         J = F00 * c00 + F01 * c01 + F02 * c02
         C00 = F00 * F00 + F10 * F10 + F20 * F20
@@ -863,22 +944,22 @@ def strain_energies(elements, D, GV, KV, law, k, M, u):
                 for i in range(3):
                     q = modes[3 + mode, i]
                     for axis in range(3):
-                        q -= M[e, mode, axis] * modes[axis, i]
+                        q -= L[e, mode, axis] * (F[i, axis] - (1.0 if i == axis else 0.0))
                     hourglass += 0.5 * k[e] * q * q
     return elastic, hourglass
 
 
 @njit(cache=True, nogil=True)
-def largest_area_stretch(elements, D, u):
+def largest_area_stretch(elements, D, W, u):
     """Largest singular value of the cofactor matrix J F^-T over all elements, 1 at rest.
 
     It is the most that any element has grown in area; its square bounds how much stiffer the pressure part of an
     element has become along the direction in which it is squeezed. Arguments as in `strain_energies`.
     """
     most = 1.0
-    modes = np.zeros((7, 3))
+    F, modes = np.zeros((3, 3)), np.zeros((7, 3))
     for e in range(len(elements)):
-        F00, F01, F02, F10, F11, F12, F20, F21, F22 = _gradient(elements, e, D, u, modes)
+        F00, F01, F02, F10, F11, F12, F20, F21, F22 = _gradient(elements, e, D, W, u, F, modes)
         c00, c01, c02, c10, c11, c12, c20, c21, c22 = _cofactors(F00, F01, F02, F10, F11, F12, F20, F21, F22)
         # Largest eigenvalue of the symmetric 3 x 3 matrix cof cof^T, by the trigonometric formula.
         a00 = c00 * c00 + c01 * c01 + c02 * c02

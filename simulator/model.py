@@ -11,7 +11,7 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from simulator.elements import NODES_OF, signed_volumes
+from simulator.elements import NODES_OF, volumes
 from simulator.errors import InputError
 from simulator.materials import Material, NeoHookean, StVenantKirchhoff, ViscoNeoHookean
 
@@ -229,12 +229,12 @@ def _check_mesh(nodes: np.ndarray, elements: np.ndarray, element_type: str) -> N
             f"expected every node to belong to an element, got {unused.sum()} loose nodes, the first is node "
             f"{_first(unused)}; remove them"
         )
-    volumes = signed_volumes(nodes, elements)
-    if not (volumes > 0).all():
-        e = _first(~(volumes > 0))
+    V = volumes(nodes, elements)
+    if not (V > 0).all():
+        e = _first(~(V > 0))
         raise InputError(
-            f"expected elements of positive volume, got {volumes[e]:.3g} m3 in element {e} and "
-            f"{(~(volumes > 0)).sum()} such elements in all; check their node order and for coinciding nodes"
+            f"expected elements of positive volume, got {V[e]:.3g} m3 in element {e} and "
+            f"{(~(V > 0)).sum()} such elements in all; check their node order and for coinciding nodes"
         )
 
 

@@ -47,6 +47,7 @@ class Motion:
     steps : number of steps done
     stopped : why the run ended early, or None
     settings : everything the run depended on, for provenance
+    velocities : (T, N, 3) m/s, or None where they were not asked for
     """
 
     time_s: np.ndarray
@@ -57,6 +58,7 @@ class Motion:
     steps: int
     stopped: Stop | None = None
     settings: dict = field(default_factory=dict)
+    velocities: np.ndarray | None = None
 
     @property
     def displacements(self) -> np.ndarray:

@@ -22,7 +22,7 @@ import numpy as np
 
 from simulator.atomic import whole_file
 from simulator.curves import LOAD_SHAPES, LoadShape
-from simulator.elements import NODES_OF, signed_volumes
+from simulator.elements import NODES_OF, volumes
 from simulator.errors import InputError
 from simulator.model import (
     Displacement,
@@ -271,13 +271,13 @@ def _read_elements(element: Element, nodes: np.ndarray) -> tuple[np.ndarray, str
             f"{element.line_of(first * corners)}: expected {corners} different nodes in an element, "
             f"got {elements[first].tolist()} in element {first}"
         )
-    volumes = signed_volumes(nodes, elements)
-    if not (volumes > 0).all():
-        first = int(np.argmax(~(volumes > 0)))
-        state = "no volume" if volumes[first] == 0 else f"a negative volume of {volumes[first]:.3g} m3"
+    V = volumes(nodes, elements)
+    if not (V > 0).all():
+        first = int(np.argmax(~(V > 0)))
+        state = "no volume" if V[first] == 0 else f"a negative volume of {V[first]:.3g} m3"
         raise InputError(
             f"{element.line_of(first * corners)}: expected elements of positive volume, got {state} in element "
-            f"{first}, {(~(volumes > 0)).sum()} such in all; check the order of its nodes and for coinciding nodes"
+            f"{first}, {(~(V > 0)).sum()} such in all; check the order of its nodes and for coinciding nodes"
         )
     return elements, element_type
 

@@ -39,6 +39,7 @@ class Partition:
 
 SHORTEST_ROW = 16  # on average, for a mesh to be visited in rows
 GRANULE = 8  # elements of one batch, which all follow the same law
+MOST_EMPTY = 1 / 16  # of the elements, up to which each row is filled up to whole batches
 
 
 def partition(elements: np.ndarray, law: np.ndarray, n_nodes: int, parts: int | None = None) -> Partition:
@@ -53,6 +54,8 @@ def partition(elements: np.ndarray, law: np.ndarray, n_nodes: int, parts: int | 
         links = _touching(np.repeat(np.arange(len(chains)), [len(c) for c in chains]), elements[np.concatenate(chains)])
         chains = [chains[i] for i in _cuthill_mckee(links)]
         nodes = _along_edges(elements, chains)
+        if np.ptp(law) == 0 and sum(-len(chain) % GRANULE for chain in chains) <= MOST_EMPTY * len(elements):
+            chains = [np.append(chain, np.full(-len(chain) % GRANULE, -1)) for chain in chains]
         order = _laws_apart(np.concatenate(chains), law)
         order = _interleaved(order, elements)
     else:
@@ -125,18 +128,18 @@ def _along_edges(elements: np.ndarray, chains: list[np.ndarray]) -> np.ndarray:
 
 
 def _interleaved(order: np.ndarray, elements: np.ndarray) -> np.ndarray:
-    """The order with each batch whose elements follow one another turned to RUN_ORDER."""
+    """The order with each batch whose elements follow one another turned to RUN_ORDER; empty places may come last."""
     whole = order[: len(order) // GRANULE * GRANULE].reshape(-1, GRANULE)
-    follows = (elements[whole[:, 1:]][:, :, [0, 3, 4, 7]] == elements[whole[:, :-1]][:, :, [1, 2, 5, 6]]).all(
-        axis=(1, 2)
-    )
-    follows &= (whole >= 0).all(axis=1)
+    next_to = (elements[whole[:, 1:]][:, :, [0, 3, 4, 7]] == elements[whole[:, :-1]][:, :, [1, 2, 5, 6]]).all(axis=2)
+    follows = (next_to | (whole[:, 1:] < 0)).all(axis=1) & (whole[:, 0] >= 0)
     whole = np.where(follows[:, None], whole[:, RUN_ORDER], whole)
     return np.concatenate([whole.ravel(), order[whole.size :]])
 
 
 def _laws_apart(order: np.ndarray, law: np.ndarray) -> np.ndarray:
     """The order, grouped by law, each group but the last filled up with -1 to whole batches."""
+    if np.ptp(law) == 0:
+        return order
     groups = [order[law[order] == number] for number in np.unique(law)]
     filled = [np.append(group, np.full(-len(group) % GRANULE, -1)) for group in groups[:-1]]
     return np.concatenate([*filled, groups[-1]])

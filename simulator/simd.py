@@ -40,6 +40,17 @@ def load_as(like: np.ndarray, array: np.ndarray, start: int):
     return array[start : start + LANES[like.dtype]].astype(like.dtype)
 
 
+def load_product_as(like: np.ndarray, a: np.ndarray, b: np.ndarray, start: int):
+    """The product of two flat arrays of one type, rounded to that type, as a vector like that of `load_as`."""
+    place = slice(start, start + LANES[like.dtype])
+    return (a[place] * b[place]).astype(like.dtype)
+
+
+def spread(like: np.ndarray, array: np.ndarray, record: int):
+    """One value per record of 4 numbers, from `record` on, as a vector of the type that `load` gives for `like`."""
+    return np.repeat(array[record : record + LANES[like.dtype] // 4].astype(like.dtype), 4)
+
+
 def store(array: np.ndarray, start: int, value) -> None:
     """Write a vector to consecutive places of a flat array, rounded to the type of the array."""
     array[start : start + len(value)] = value
@@ -71,7 +82,8 @@ def scatter_add(records: np.ndarray, starts: np.ndarray, start: int, x, y, z, w)
 def scatter_add_line(records: np.ndarray, starts: np.ndarray, a: int, b: int, run: int, xa, ya, za, xb, yb, zb) -> None:
     """`scatter_add` of x, y, z at the places of two corners, `a` and `b`.
 
-    `run` other than 0 promises a run at both, those of `b` one record on: each record is then read and written once.
+    `run` other than 0 promises a run at both, those of `b` one record on: each record is then read and written once,
+    and copies of some of z are added to the 4th column, which saves a quarter of the shuffles.
     """
     scatter_add(records, starts, a, xa, ya, za, 0 * xa)
     scatter_add(records, starts, b, xb, yb, zb, 0 * xb)
@@ -273,6 +285,36 @@ def _convert(builder, value, vector_type):
     return (builder.fpext if isinstance(vector_type.element, ir.DoubleType) else builder.fptrunc)(value, vector_type)
 
 
+@type_callable(load_product_as)
+def _type_load_product_as(context):
+    return lambda like, a, b, start: _vector_of(like.dtype)
+
+
+@lower_builtin(load_product_as, types.Array, types.Array, types.Array, types.Integer)
+def _lower_load_product_as(context, builder, sig, args):
+    start = _as_intp(context, builder, args[3], sig.args[3])
+    a, b = (_load(context, builder, sig.args[i], args[i], start, sig.return_type.lanes) for i in (1, 2))
+    return _convert(builder, builder.fmul(a, b), context.get_value_type(sig.return_type))
+
+
+@type_callable(spread)
+def _type_spread(context):
+    return lambda like, array, record: _vector_of(like.dtype)
+
+
+@lower_builtin(spread, types.Array, types.Array, types.Integer)
+def _lower_spread(context, builder, sig, args):
+    vector, source = sig.return_type, sig.args[1]
+    record = _as_intp(context, builder, args[2], sig.args[2])
+    data = context.make_array(source)(context, builder, args[1]).data
+    filled = ir.Constant(context.get_value_type(vector), ir.Undefined)
+    for lane in range(vector.lanes):
+        at = builder.gep(data, [builder.add(record, ir.Constant(record.type, lane // 4))], inbounds=True)
+        value = context.cast(builder, builder.load(at), source.dtype, vector.dtype)
+        filled = builder.insert_element(filled, value, _i32(lane))
+    return filled
+
+
 @type_callable(zero)
 def _type_zero(context):
     return lambda array: _vector_of(array.dtype)
@@ -371,6 +413,14 @@ def _columns(builder, rows, lanes: int):
     return [_shuffle(builder, a, b, mask) for a, b in ((xy01, xy23), (zw01, zw23)) for mask in (lower, upper)]
 
 
+def _rows_of_three(builder, x, y, z, lanes: int):
+    """Transpose 3 vectors of columns into 4 vectors of records, whose 4th numbers are copies of some of z."""
+    pairs = [_shuffle(builder, x, y, _groups(lanes, mask)) for mask in (_LOW_INTERLEAVED, _HIGH_INTERLEAVED)]
+    picks = [((0, 0), (0, 1), (1, 0), (1, 0)), ((0, 2), (0, 3), (1, 1), (1, 1))]
+    picks += [((0, 0), (0, 1), (1, 2), (1, 2)), ((0, 2), (0, 3), (1, 3), (1, 3))]
+    return [_shuffle(builder, pairs[row // 2], z, _groups(lanes, picks[row])) for row in range(4)]
+
+
 def _rows(builder, x, y, z, w, lanes: int):
     """Transpose 4 vectors of columns into 4 vectors of records, the inverse of `_columns`."""
     low, high = _groups(lanes, _LOW_INTERLEAVED), _groups(lanes, _HIGH_INTERLEAVED)
@@ -424,7 +474,7 @@ def _lower_scatter_add_line(context, builder, sig, args):
     with builder.if_else(_is_run(builder, args[4])) as (as_run, otherwise):
         with as_run:
             first = _first_start(context, builder, types_a, args_a)
-            at_a, at_b = _rows(builder, *args_a[3:], 8), _rows(builder, *args_b[3:], 8)
+            at_a, at_b = _rows_of_three(builder, *args_a[3:6], 8), _rows_of_three(builder, *args_b[3:6], 8)
             before = nothing
             for i in range(4):
                 # Records 2i and 2i + 1 get lanes 2i, 2i + 1 of corner a and lanes 2i - 1, 2i of corner b.

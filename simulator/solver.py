@@ -17,7 +17,8 @@ import numpy as np
 from tqdm import tqdm
 
 from simulator import assembly, checkpoint, kernels, timestep
-from simulator.errors import InputError
+from simulator.errors import InputError, Interrupted
+from simulator.interruption import deferred_signals
 from simulator.model import Model
 from simulator.motion import ENERGIES, Motion, Stop
 from simulator.partition import Partition, partition
@@ -42,8 +43,10 @@ def solve(
     safety: float = SAFETY,
     mass_scaling: float = 1.0,
     lightest_dt_s: float | None = None,
+    velocities: bool = False,
     checkpoint_path: str | Path | None = None,
     checkpoint_every_s: float = 60.0,
+    resume: bool = True,
     progress: bool = False,
 ) -> Motion:
     """Simulate a model.
@@ -55,12 +58,15 @@ def solve(
         100 evenly spaced ones and the start. With a fixed step the nearest whole steps are saved
     precision : "float32", "float64", or "mixed": elements in float32, displacements and their increments in float64.
         None takes "mixed", for the table of run time against error in docs/validation.md
-    threads : number of threads; None measures whether a second one pays. The result does not depend on it
+    threads : number of threads, at most one per core; None measures whether a second one pays. The result does not
+        depend on it
     safety : dt "auto" takes this part of the stable step
     mass_scaling : factor on all densities, for quasi-static motion
     lightest_dt_s : add mass to the elements that alone would need a smaller step than this, s
-    checkpoint_path : file that is written every `checkpoint_every_s` seconds of work, and when the run is interrupted;
-        a run that finds it goes on from there and ends in the same bits as one that was never interrupted
+    velocities : also save the velocity of all nodes with each state
+    checkpoint_path : file that is written every `checkpoint_every_s` seconds of work, and when the run is interrupted
+    resume : go on from a checkpoint that is there already, and end in the same bits as a run that was never
+        interrupted; False starts anew
     progress : show a progress bar with the time left
 
     Returns
@@ -69,29 +75,30 @@ def solve(
 
     Raises
     ------
-    InputError : a setting out of range, a body free to move without deforming, NaN in a load, another run's checkpoint
+    InputError : a setting out of range, a body free to move without deforming, NaN in a load, a checkpoint that is
+        damaged or another run's
+    Interrupted : Ctrl-C; a KeyboardInterrupt with the motion so far
     """
     precision = precision or "mixed"
     _check_settings(precision, threads, safety, mass_scaling)
     check_supports(model)
-    run = _Run(model, times, precision, safety, mass_scaling, lightest_dt_s)
+    run = _Run(model, times, precision, safety, mass_scaling, lightest_dt_s, velocities)
     choice = ThreadChoice(threads, parts=len(run.parts.node_starts) - 1)
-    if checkpoint_path is not None:
+    if checkpoint_path is not None and resume:
         run.resume(checkpoint_path)
     saved_at = clock.monotonic()
     bar = tqdm(total=model.duration_s, unit="s", disable=not progress, initial=run.time, bar_format=_BAR)
-    try:
-        with ThreadPoolExecutor(choice.most) as pool, bar:
-            while not run.finished:
-                run.advance(choice, pool)
-                bar.update(run.time - bar.n)
-                if checkpoint_path is not None and clock.monotonic() - saved_at >= checkpoint_every_s:
-                    run.save(checkpoint_path)
-                    saved_at = clock.monotonic()
-    except KeyboardInterrupt:
-        if checkpoint_path is not None:
+    with deferred_signals() as signals, ThreadPoolExecutor(choice.most) as pool, bar:
+        while not run.finished and not signals:
+            run.advance(choice, pool)
+            bar.update(run.time - bar.n)
+            if checkpoint_path is not None and clock.monotonic() - saved_at >= checkpoint_every_s:
+                run.save(checkpoint_path)
+                saved_at = clock.monotonic()
+        if signals and checkpoint_path is not None and not run.finished:
             run.save(checkpoint_path)
-        raise
+    if signals:
+        raise Interrupted(run.motion(), signals[0])
     return run.motion()
 
 
@@ -105,6 +112,8 @@ class _State:
     arrays : nodal records and loads' memories, in storage order
     dt, base_s, step : the present time is base_s + step dt
     frames : saved positions; time_s, energies : rows of the result; energies lag one step behind their state
+    velocities : saved velocities where asked for; until the energies of the last state are known, its mean velocity
+        over the step before
     """
 
     arrays: dict[str, np.ndarray]
@@ -117,6 +126,7 @@ class _State:
     time_s: list = field(default_factory=list)
     frames: list = field(default_factory=list)
     energies: list = field(default_factory=list)
+    velocities: list = field(default_factory=list)
 
     def copy(self) -> _State:
         values = {one.name: getattr(self, one.name) for one in fields(self)}
@@ -133,15 +143,15 @@ class _State:
         """The state that `to_arrays` gave."""
         arrays = {name.removeprefix("array_"): values[name] for name in values if name.startswith("array_")}
         numbers = {name: values[name].item() for name in ("dt", "base_s", "step", "steps", "next_output")}
-        lists = {name: list(values[name]) for name in ("time_s", "frames", "energies")}
+        lists = {name: list(values[name]) for name in ("time_s", "frames", "energies", "velocities")}
         return _State(arrays, ledger=values["ledger"], **numbers, **lists)
 
 
 class _Run:
     """A simulation under way: the model as arrays, its state, and the steps between two saved states."""
 
-    def __init__(self, model, times, precision, safety, mass_scaling, lightest_dt_s):
-        self.model, self.precision, self.safety = model, precision, safety
+    def __init__(self, model, times, precision, safety, mass_scaling, lightest_dt_s, velocities):
+        self.model, self.precision, self.safety, self.velocities = model, precision, safety, velocities
         factors = np.full(len(model.elements), float(mass_scaling))
         if lightest_dt_s is not None:
             factors *= timestep.mass_factors(model, lightest_dt_s / math.sqrt(mass_scaling))
@@ -222,7 +232,7 @@ class _Run:
         self.load_state(_State.from_arrays(arrays))
 
     def _fingerprint(self) -> str:
-        settings = (self.precision, self.safety, self.times.tolist(), self.mass.tolist())
+        settings = (self.precision, self.safety, self.velocities, self.times.tolist(), self.mass.tolist())
         return checkpoint.fingerprint(self.model, settings)
 
     def _change_step(self, dt: float) -> None:
@@ -231,8 +241,7 @@ class _Run:
         ratio = dt / state.dt
         state.arrays["du"] *= ratio
         state.ledger[3:5] *= ratio**2
-        state.ledger[5:8] *= ratio
-        state.ledger[8] /= ratio
+        state.ledger[5] /= ratio
         state.base_s, state.step, state.dt = self.time, 0, dt
         stored = assembly.compliances(self.model, dt, self.mass)[self.parts.nodes]
         self.nodes.compliance[: len(stored), :3] = stored
@@ -274,8 +283,7 @@ class _Run:
 
     def _stiffening(self) -> float:
         """How much faster than at rest waves cross the most squeezed element, 1 or more."""
-        elements, D = self.energy_arrays[:2]
-        return kernels.largest_area_stretch(elements, D, self._stored("u"))
+        return kernels.largest_area_stretch(*self.energy_arrays[:3], self._stored("u"))
 
     # -- steps --
 
@@ -287,6 +295,8 @@ class _Run:
         steps = BLOCK - state.step % BLOCK
         # After the last saved state one more step makes its energies known.
         steps = min(steps, self._output_step() - state.step) if state.next_output < len(self.times) else 1
+        if self.velocities and len(state.energies) < len(state.time_s):
+            steps = 1  # the next increment completes the velocity of the saved state
         count, steps = choice.next(steps)
         log = np.empty((kernels.LOG_ROWS, steps))
         reason, done = self._steps(pool, count, curves, gravity, column, steps, log)
@@ -352,6 +362,8 @@ class _Run:
         u = self._stored("u")
         state.time_s.append(self.time)
         state.frames.append(self.model.nodes + u)
+        if self.velocities:
+            state.velocities.append(self._stored("du") / state.dt)
         if state.step == 0 and state.base_s == 0:
             state.energies.append((0.0,) * len(ENERGIES))  # at rest
         state.next_output += 1
@@ -369,11 +381,13 @@ class _Run:
             logged[kernels.LOG_EXTERNAL],
         )
         residual = kinetic + elastic + hourglass + damping - external
-        state.energies.append((kinetic, elastic, hourglass, damping, external, residual))
         most = max(state.ledger[2], self.floor)
         tolerance = self.residual_tolerance * most + self.floor
         if self._conservative and not abs(residual) <= tolerance:
             return kernels.ENERGY_GREW
+        state.energies.append((kinetic, elastic, hourglass, damping, external, residual))
+        if self.velocities:
+            state.velocities[-1] = (state.velocities[-1] + self._stored("du") / state.dt) / 2
         if self.auto:
             self.last_good = state.copy()
         return kernels.DONE
@@ -393,19 +407,22 @@ class _Run:
             return
         u, du = self._stored("u"), self._stored("du")
         self.stop = diagnose(self.model, self.mass, u, du, self.time, self.state.dt, reason)
-        keep = len(self.state.energies)
-        del self.state.time_s[keep:], self.state.frames[keep:]
 
     def motion(self) -> Motion:
-        state = self.state
+        """The states whose energies are known, which of a finished run are all."""
+        state, shape = self.state, (-1, *self.model.nodes.shape)
+        known = len(state.energies)
+        stop = self.stop
+        if not self.finished:
+            stop = Stop(self.time, None, "the run was interrupted", "go on from its checkpoint or run it again")
         return Motion(
-            time_s=np.array(state.time_s),
-            positions=np.array(state.frames).reshape(-1, *self.model.nodes.shape),
+            time_s=np.array(state.time_s[:known]),
+            positions=np.array(state.frames[:known]).reshape(shape),
             nodes=self.model.nodes,
             energies={name: np.array([row[i] for row in state.energies]) for i, name in enumerate(ENERGIES)},
             dt_s=state.dt,
             steps=state.steps,
-            stopped=self.stop,
+            stopped=stop,
             settings={
                 "precision": self.precision,
                 "safety": self.safety,
@@ -413,6 +430,7 @@ class _Run:
                 "added_mass": self.added_mass,
                 "restarts": self.restarts,
             },
+            velocities=np.array(state.velocities[:known]).reshape(shape) if self.velocities else None,
         )
 
 

@@ -38,14 +38,19 @@ class Half:
 
     def mirrored(self, motion: Motion) -> Motion:
         """The motion of the whole model; energies are those of both halves."""
-        u = np.zeros((len(motion.time_s), *self.whole.shape))
         flip = np.ones(3)
         flip[self.axis] = -1
-        u[:, self.partner[self.kept]] = motion.displacements * flip
-        u[:, self.kept] = motion.displacements
+
+        def both(half):
+            whole = np.zeros((len(half), *self.whole.shape))
+            whole[:, self.partner[self.kept]] = half * flip
+            whole[:, self.kept] = half
+            return whole
+
         return dataclasses.replace(
             motion,
-            positions=self.whole + u,
+            positions=self.whole + both(motion.displacements),
+            velocities=None if motion.velocities is None else both(motion.velocities),
             nodes=self.whole,
             energies={name: 2 * values for name, values in motion.energies.items()},
         )

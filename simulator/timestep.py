@@ -61,7 +61,7 @@ def _stiffness(model: Model):
     nodes, elements = model.nodes, model.elements
     n_elements, n = elements.shape
     shear, bulk, wave = _moduli(model)
-    V = geometry.signed_volumes(nodes, elements)
+    V = geometry.volumes(nodes, elements)
     B = geometry.shape_gradients(nodes, elements)
     rows = np.arange(3 * n_elements + 1) * n
     # (3E, N): row 3e + j takes the derivative along X_j in element e.
@@ -142,7 +142,7 @@ def element_steps(model: Model, density: np.ndarray | None = None) -> np.ndarray
     d[:3, :3] = 1 / 3
     root = np.sqrt(2 * shear)[:, None, None] * (np.eye(6) - d) + np.sqrt(3 * bulk)[:, None, None] * d
     scaled = root @ strain
-    V = geometry.signed_volumes(nodes, elements)
+    V = geometry.volumes(nodes, elements)
     stiffest = V * np.linalg.eigvalsh(scaled @ scaled.transpose(0, 2, 1))[:, -1]
     if model.element_type == "H8":
         gamma = geometry.hourglass_vectors(nodes, elements)

@@ -1,13 +1,15 @@
 import json
+import signal
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
 
 import simulator
 from lipmetrics.cli import main as lipmetrics
-from simulator import assembly, cli
+from simulator import assembly, checkpoint, cli
 from simulator.export import load_motion
 
 MODEL = """<Model>
@@ -110,6 +112,7 @@ def test_a_bad_file_among_good_ones(run, model, tmp_path):
         (["none.xml"], "none.xml: No such file"),
         (["cube.xml", "--dt", "0"], "expected a time step above 0 s such as 1e-4, or auto, got '0'"),
         (["cube.xml", "--dt", "nan"], "got 'nan'"),
+        (["cube.xml", "--checkpoint-every", "-1"], "expected a number of seconds of 0 or more, got '-1'"),
         (["cube.xml", "--threads=0"], "expected a whole number of at least 1, got '0'"),
         (["cube.xml", "--precision", "float16"], "invalid choice: 'float16'"),
         (["cube.xml", "a/cube.xml"], "got 2 named 'cube'"),
@@ -144,6 +147,75 @@ def test_a_run_that_blows_up_keeps_what_it_has(run, model, tmp_path):
     assert one["stopped"]["time_s"] < 200 and one["states"] >= 1
     again = load_motion(tmp_path / "out" / "cube.h5")
     assert again.stopped.cause == one["stopped"]["cause"] and np.isfinite(again.positions).all()
+
+
+def start(model, out, *more):
+    """The command on a long run, in a process of its own; returns it once its first checkpoint is there."""
+    text = MODEL.replace("<TotalTime>1<", "<TotalTime>4000<").replace('Freq="20"', 'Freq="1000"')
+    model.write_text(text)
+    command = [sys.executable, "-m", "simulator.cli", str(model), "-o", str(out), "--threads", "1", "--velocity"]
+    process = subprocess.Popen([*command, "--checkpoint-every", "0", *more], stderr=subprocess.PIPE, text=True)
+    end = time.monotonic() + 120
+    while not (out / "cube.checkpoint.npz").exists() and process.poll() is None and time.monotonic() < end:
+        time.sleep(0.01)
+    return process
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_run_broken_off_and_resumed_gives_the_same_files(run, model, tmp_path, number, code):
+    out = tmp_path / "out"
+    process = start(model, out)
+    time.sleep(0.1)
+    process.send_signal(number)
+    err = process.communicate(timeout=60)[1]
+    assert process.returncode == code and "interrupted" in err and err.count("\n") == 1
+    part = load_motion(out / "cube.h5")
+    assert 0 < len(part.time_s) < 401 and part.stopped is not None
+
+    assert run(model, "--velocity", "--resume")[0] == 0
+    resumed = [(out / name).read_bytes() for name in ("cube.h5", "cube.energy.csv")]
+    assert not (out / "cube.checkpoint.npz").exists()
+    assert run(model, "--velocity")[0] == 0
+    assert resumed == [(out / name).read_bytes() for name in ("cube.h5", "cube.energy.csv")]
+    whole = load_motion(out / "cube.h5")
+    assert len(whole.time_s) == 401
+    assert np.array_equal(part.positions, whole.positions[: len(part.time_s)])
+
+
+@pytest.mark.slow
+def test_a_killed_run_goes_on_from_its_last_checkpoint(run, model, tmp_path):
+    process = start(model, tmp_path / "out")
+    process.kill()
+    process.communicate(timeout=60)
+    assert run(model, "--velocity", "--resume")[0] == 0
+    assert len(load_motion(tmp_path / "out" / "cube.h5").time_s) == 401
+
+
+def test_checkpoints_that_cannot_be_used(run, model, tmp_path):
+    file = tmp_path / "out" / "cube.checkpoint.npz"
+    code, _, err = run(model, "--resume")
+    assert code == 2 and "got no such file" in err and str(file) in err and err.count("\n") == 1
+    assert run(model)[0] == 0
+    results = (tmp_path / "out" / "cube.h5").read_bytes()
+    file.write_bytes(b"PK nonsense")
+    code, _, err = run(model, "--resume")
+    assert code == 2 and "damaged" in err and str(file) in err and err.count("\n") == 1
+    checkpoint.save(file, "another run", {})
+    code, _, err = run(model, "--resume")
+    assert code == 2 and "another model" in err and str(file) in err and err.count("\n") == 1
+    assert (tmp_path / "out" / "cube.h5").read_bytes() == results
+
+
+def test_velocities_are_written_where_asked_for(run, model, tmp_path):
+    assert run(model, "--vtu")[0] == 0
+    state = tmp_path / "out" / "cube_vtu" / "cube_00003.vtu"
+    assert load_motion(tmp_path / "out" / "cube.h5").velocities is None and b'"velocity"' not in state.read_bytes()
+    assert run(model, "--vtu", "--velocity")[0] == 0
+    velocities = load_motion(tmp_path / "out" / "cube.h5").velocities
+    assert velocities.shape == (6, 8, 3) and b'Name="velocity"' in state.read_bytes()
+    r = 0.4
+    assert velocities[2, 4, 2] == pytest.approx(0.25 * (30 * r**2 - 60 * r**3 + 30 * r**4), rel=1e-3)
 
 
 def test_precisions_are_those_of_the_solver():

@@ -1,6 +1,7 @@
 """The time stepping: theory, energy, equal bits, runs that must stop."""
 
 import re
+import signal
 
 import numpy as np
 import pytest
@@ -138,7 +139,7 @@ def test_viscous_stress_relaxes_to_its_long_time_part():
     pull = Displacement(np.arange(4, 8), 2, 5e-4, Ramp(0.002))
     law = ViscoNeoHookean(800, 7000, 1050, ((0.4, 0.02),), ((0.4, 0.02),))
     model = Model(nodes, elements, materials=(law,), loads=(held, pull), dt_s=1e-4, duration_s=0.3)
-    run = solver._Run(model, [0.004, 0.3], "float64", 0.9, 1.0, None)
+    run = solver._Run(model, [0.004, 0.3], "float64", 0.9, 1.0, None, False)
     choice, reactions = solver.ThreadChoice(1, 1), []
     with solver.ThreadPoolExecutor(1) as pool:
         while not run.finished:
@@ -160,42 +161,60 @@ def test_threads_do_not_change_a_bit():
     assert one.energies["residual_j"].tolist() == two.energies["residual_j"].tolist()
 
 
-class Interrupts(Ramp):
-    """Breaks the run off, like a key press, when load factors beyond `at_s` are first asked for."""
+def break_off_after(stretches: int, monkeypatch) -> None:
+    """Send Ctrl-C to the run in the middle of its work."""
+    left, next_stretch = [stretches], solver.ThreadChoice.next
 
-    def __init__(self, rise_s, at_s):
-        super().__init__(rise_s)
-        self.at_s, self.armed = at_s, False
+    def next_or_signal(self, steps):
+        left[0] -= 1
+        if left[0] == 0:
+            signal.raise_signal(signal.SIGINT)
+        return next_stretch(self, steps)
 
-    def value(self, t_s):
-        if self.armed and len(np.atleast_1d(t_s)) == solver.BLOCK + 2 and np.max(t_s) > self.at_s:
-            raise KeyboardInterrupt
-        return super().value(t_s)
+    monkeypatch.setattr(solver.ThreadChoice, "next", next_or_signal)
 
 
 @pytest.mark.parametrize("dt", [1e-4, "auto"])
-def test_an_interrupted_run_ends_in_the_same_bits(tmp_path, dt):
-    curve = Interrupts(0.1, 0.15)
-    base = hanging(dt_s=dt, duration_s=0.3)
-    loads = (base.loads[0], Gravity(9.81, (1, 0, 0), curve))
-    model = Model(
-        base.nodes, base.elements, materials=base.materials, material_of=base.material_of, loads=loads,
-        damping=20.0, dt_s=dt, duration_s=0.3,
-    )  # fmt: skip
-    whole = solve(model, np.linspace(0, 0.3, 7))
-    curve.armed = True
+def test_an_interrupted_run_ends_in_the_same_bits(tmp_path, monkeypatch, dt):
+    model = hanging(dt_s=dt, duration_s=0.3)
+    whole = solve(model, np.linspace(0, 0.3, 7), velocities=True)
     file = tmp_path / "run.npz"
-    with pytest.raises(KeyboardInterrupt):
-        solve(model, np.linspace(0, 0.3, 7), checkpoint_path=file)
+    break_off_after(6, monkeypatch)
+    with pytest.raises(KeyboardInterrupt) as interrupted:
+        solve(model, np.linspace(0, 0.3, 7), velocities=True, checkpoint_path=file)
+    part = interrupted.value.motion
+    assert 2 <= len(part.time_s) < 7 and "interrupted" in part.stopped.cause
+    assert np.array_equal(part.positions, whole.positions[: len(part.time_s)])
     assert file.exists()
-    curve.armed = False
-    resumed = solve(model, np.linspace(0, 0.3, 7), checkpoint_path=file)
+    resumed = solve(model, np.linspace(0, 0.3, 7), velocities=True, checkpoint_path=file)
     assert np.array_equal(whole.positions, resumed.positions)
+    assert np.array_equal(whole.velocities, resumed.velocities)
     assert np.array_equal(whole.time_s, resumed.time_s)
     for name, values in whole.energies.items():
         assert np.array_equal(values, resumed.energies[name]), name
     with pytest.raises(InputError, match="that of another model"):
         solve(hanging(), checkpoint_path=file)
+    damaged = bytearray(file.read_bytes())
+    damaged[len(damaged) // 2] ^= 1
+    for content in (b"", b"no checkpoint", bytes(damaged), bytes(damaged[:1000])):
+        file.write_bytes(content)
+        with pytest.raises(InputError, match="damaged or something else"):
+            solve(model, np.linspace(0, 0.3, 7), velocities=True, checkpoint_path=file)
+    anew = solve(model, np.linspace(0, 0.3, 7), velocities=True, checkpoint_path=file, resume=False)
+    assert np.array_equal(whole.positions, anew.positions)
+
+
+@pytest.mark.parametrize("dt", [1e-4, "auto"])
+def test_velocities_are_the_rates_of_change_of_positions(dt):
+    model = hanging(dt_s=dt, duration_s=0.1)
+    at, h = np.array([0.03, 0.05, 0.1]), 2e-4
+    motion = solve(model, [0, *at], precision="float64", velocities=True)
+    fine = solve(hanging(dt_s=1e-4, duration_s=0.11), np.sort([*(at - h), *(at + h)]), precision="float64")
+    slope = (fine.positions[1::2] - fine.positions[::2]) / (2 * h)
+    assert np.abs(motion.velocities[0]).max() == 0
+    assert np.linalg.norm(motion.velocities[1:] - slope) < 2e-3 * np.linalg.norm(slope)
+    plain = solve(model, [0, *at], precision="float64")
+    assert plain.velocities is None and np.array_equal(plain.positions, motion.positions)
 
 
 def test_auto_step_saves_the_times_asked_for_and_agrees_with_a_small_fixed_step():

@@ -1,5 +1,8 @@
 """The state that a damped run settles in, against an independent fully integrated static solution, refined."""
 
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 from implicit import _stress_and_stiffness, equilibrium
@@ -10,6 +13,9 @@ from simulator.materials import NeoHookean
 from simulator.mesh import block
 from simulator.model import Fixed, Force, Model
 from simulator.solver import solve
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
+import statics
 
 SIZE = (0.04, 0.02, 0.02)
 
@@ -75,3 +81,13 @@ def test_static_limit_converges_to_the_fully_integrated_solution():
     errors = np.array([abs(settled(n) / limit - 1) for n in counts])
     assert errors[-1] < 0.01
     assert -np.polyfit(np.log(counts), np.log(errors), 1)[0] == pytest.approx(2, abs=0.25)
+
+
+@pytest.mark.slow
+def test_static_limit_is_that_of_quadratic_elements_of_scikit_fem():
+    pytest.importorskip("skfem", reason="scikit-fem absent: pip install 'lipmetrics[benchmarks]'")
+    material = statics.MATERIALS["tissue, Poisson's ratio 0.445"]
+    truth = statics.equilibrium(4, material)
+    coarse, fine = (statics.distance(statics.settled(n, material), truth) for n in (4, 8))
+    assert fine < 0.004
+    assert np.log2(coarse / fine) == pytest.approx(2, abs=0.25)
