@@ -412,15 +412,11 @@ def _gradient_of_component(constants, q, scratch, u, slopes, modes, L):
         load(scratch, u + 6 * L),
         load(scratch, u + 7 * L),
     )
-    H0 = xi * load(constants, q) + eta * load(constants, q + 3 * L) + zeta * load(constants, q + 6 * L)
-    H1 = xi * load(constants, q + L) + eta * load(constants, q + 4 * L) + zeta * load(constants, q + 7 * L)
-    H2 = xi * load(constants, q + 2 * L) + eta * load(constants, q + 5 * L) + zeta * load(constants, q + 8 * L)
     w = q + 9 * L
-    H0 = H0 + eta_zeta * load(constants, w) + xi_zeta * load(constants, w + 3 * L) + xi_eta * load(constants, w + 6 * L)
-    H1 = H1 + eta_zeta * load(constants, w + L)
-    H1 = H1 + xi_zeta * load(constants, w + 4 * L) + xi_eta * load(constants, w + 7 * L)
-    H2 = H2 + eta_zeta * load(constants, w + 2 * L)
-    H2 = H2 + xi_zeta * load(constants, w + 5 * L) + xi_eta * load(constants, w + 8 * L)
+    H0 = _weighted(constants, q, L, xi, eta, zeta) + _weighted(constants, w, L, eta_zeta, xi_zeta, xi_eta)
+    H1 = _weighted(constants, q + L, L, xi, eta, zeta) + _weighted(constants, w + L, L, eta_zeta, xi_zeta, xi_eta)
+    H2 = _weighted(constants, q + 2 * L, L, xi, eta, zeta)
+    H2 = H2 + _weighted(constants, w + 2 * L, L, eta_zeta, xi_zeta, xi_eta)
     store(scratch, slopes, H0)
     store(scratch, slopes + L, H1)
     store(scratch, slopes + 2 * L, H2)
@@ -432,11 +428,15 @@ def _gradient_of_component(constants, q, scratch, u, slopes, modes, L):
 
 
 @njit(forceinline=True)
+def _weighted(constants, column, L, a, b, c):
+    """Sum of three values times one column of three rows of constants."""
+    return a * load(constants, column) + b * load(constants, column + 3 * L) + c * load(constants, column + 6 * L)
+
+
+@njit(forceinline=True)
 def _freed(constants, g, L, mode, H0, H1, H2):
     """Amplitude of one hourglass mode less that of the affine motion."""
-    mode = mode - load(constants, g) * H0
-    mode = mode - load(constants, g + L) * H1
-    return mode - load(constants, g + 2 * L) * H2
+    return (mode - load(constants, g) * H0) - (load(constants, g + L) * H1 + load(constants, g + 2 * L) * H2)
 
 
 @njit(forceinline=True)
@@ -471,10 +471,8 @@ def _forces_of_component(constants, q, scratch, f, slopes, modes, L):
 @njit(forceinline=True)
 def _reduced(constants, g, L, t, eta_zeta, xi_zeta, xi_eta, xi_eta_zeta):
     """V P along one axis less what the hourglass modes take from it."""
-    t = t - load(constants, g) * eta_zeta
-    t = t - load(constants, g + 3 * L) * xi_zeta
-    t = t - load(constants, g + 6 * L) * xi_eta
-    return t - load(constants, g + 9 * L) * xi_eta_zeta
+    t = (t - load(constants, g) * eta_zeta) - load(constants, g + 3 * L) * xi_zeta
+    return t - (load(constants, g + 6 * L) * xi_eta + load(constants, g + 9 * L) * xi_eta_zeta)
 
 
 @njit(forceinline=True)
