@@ -61,6 +61,8 @@ class H8Elements(NamedTuple):
     law : (B,) int64, law of a batch
     run : (B,) int64, 1 where the elements of a batch of 8 lie in a row: corner by corner their nodes are stored one
         after the other, in simd.RUN_ORDER, and corners 1, 2, 5, 6 one place after corners 0, 3, 4, 7
+    swept : (B,) int64, 1 where all elements of a batch are a face moved along a line, as those of a sheet of even
+        thickness: the third row of W and all but the third of L are 0
     history : (B * terms * HISTORY * L,) viscous stresses, m3 Pa
     terms : number of viscous terms of each element
     starts : (P + 1,) first batch of each part
@@ -70,6 +72,7 @@ class H8Elements(NamedTuple):
     constants: np.ndarray
     law: np.ndarray
     run: np.ndarray
+    swept: np.ndarray
     history: np.ndarray
     terms: int
     starts: np.ndarray
@@ -82,6 +85,7 @@ class T4Elements(NamedTuple):
     constants: np.ndarray
     law: np.ndarray
     run: np.ndarray
+    swept: np.ndarray
     history: np.ndarray
     terms: int
     starts: np.ndarray
@@ -94,6 +98,7 @@ class T4ANPElements(NamedTuple):
     constants: np.ndarray
     law: np.ndarray
     run: np.ndarray
+    swept: np.ndarray
     history: np.ndarray
     terms: int
     starts: np.ndarray
@@ -342,10 +347,10 @@ def _h8_forces(elements, part, seen, forces, scratch):
                 store(scratch, at + (8 + corner) * L, y)
                 store(scratch, at + (16 + corner) * L, z)
         for batch in range(first, last):
-            q, at = batch * 33 * L, (batch - first) * KEPT * L
+            q, at, swept = batch * 33 * L, (batch - first) * KEPT * L, elements.swept[batch]
             for i in range(3):
                 slopes, modes = at + (SLOPES + 3 * i) * L, at + (MODES + 4 * i) * L
-                _gradient_of_component(constants, q, scratch, at + 8 * i * L, slopes, modes, L)
+                _gradient_of_component(constants, q, scratch, at + 8 * i * L, slopes, modes, swept, L)
         for batch in range(first, last):
             q, h = batch * 33 * L, ((batch - first) * KEPT + SLOPES) * L
             P00, P01, P02, P10, P11, P12, P20, P21, P22, J = _stress(
@@ -376,10 +381,10 @@ def _h8_forces(elements, part, seen, forces, scratch):
             store(scratch, h + 7 * L, P21)
             store(scratch, h + 8 * L, P22)
         for batch in range(first, last):
-            q, at = batch * 33 * L, (batch - first) * KEPT * L
+            q, at, swept = batch * 33 * L, (batch - first) * KEPT * L, elements.swept[batch]
             for i in range(3):
                 slopes, modes = at + (SLOPES + 3 * i) * L, at + (MODES + 4 * i) * L
-                _forces_of_component(constants, q, scratch, at + 8 * i * L, slopes, modes, L)
+                _forces_of_component(constants, q, scratch, at + 8 * i * L, slopes, modes, swept, L)
         for batch in range(first, last):
             n, at, run = batch * 8 * L, (batch - first) * KEPT * L, elements.run[batch]
             for a, b in ((0, 1), (3, 2), (4, 5), (7, 6)):
@@ -400,7 +405,7 @@ def _h8_forces(elements, part, seen, forces, scratch):
 
 
 @njit(forceinline=True)
-def _gradient_of_component(constants, q, scratch, u, slopes, modes, L):
+def _gradient_of_component(constants, q, scratch, u, slopes, modes, swept, L):
     """du/dX = s_ak D_kj + Gamma_ai W_ij and k gamma^T u of one component from its corner values, all in scratch."""
     xi, eta, zeta, eta_zeta, xi_zeta, xi_eta, xi_eta_zeta = _modes(
         load(scratch, u),
@@ -412,19 +417,27 @@ def _gradient_of_component(constants, q, scratch, u, slopes, modes, L):
         load(scratch, u + 6 * L),
         load(scratch, u + 7 * L),
     )
-    w = q + 9 * L
-    H0 = _weighted(constants, q, L, xi, eta, zeta) + _weighted(constants, w, L, eta_zeta, xi_zeta, xi_eta)
-    H1 = _weighted(constants, q + L, L, xi, eta, zeta) + _weighted(constants, w + L, L, eta_zeta, xi_zeta, xi_eta)
+    k, w, g = load(constants, q + 20 * L), q + 9 * L, q + 21 * L
+    H0 = _weighted(constants, q, L, xi, eta, zeta)
+    H1 = _weighted(constants, q + L, L, xi, eta, zeta)
     H2 = _weighted(constants, q + 2 * L, L, xi, eta, zeta)
-    H2 = H2 + _weighted(constants, w + 2 * L, L, eta_zeta, xi_zeta, xi_eta)
+    H0 = H0 + (eta_zeta * load(constants, w) + xi_zeta * load(constants, w + 3 * L))
+    H1 = H1 + (eta_zeta * load(constants, w + L) + xi_zeta * load(constants, w + 4 * L))
+    H2 = H2 + (eta_zeta * load(constants, w + 2 * L) + xi_zeta * load(constants, w + 5 * L))
+    if not swept:
+        H0 = H0 + xi_eta * load(constants, w + 6 * L)
+        H1 = H1 + xi_eta * load(constants, w + 7 * L)
+        H2 = H2 + xi_eta * load(constants, w + 8 * L)
+        eta_zeta = _freed(constants, g, L, eta_zeta, H0, H1, H2)
+        xi_zeta = _freed(constants, g + 3 * L, L, xi_zeta, H0, H1, H2)
+        xi_eta_zeta = _freed(constants, g + 9 * L, L, xi_eta_zeta, H0, H1, H2)
     store(scratch, slopes, H0)
     store(scratch, slopes + L, H1)
     store(scratch, slopes + 2 * L, H2)
-    k, g = load(constants, q + 20 * L), q + 21 * L
-    store(scratch, modes, k * _freed(constants, g, L, eta_zeta, H0, H1, H2))
-    store(scratch, modes + L, k * _freed(constants, g + 3 * L, L, xi_zeta, H0, H1, H2))
+    store(scratch, modes, k * eta_zeta)
+    store(scratch, modes + L, k * xi_zeta)
     store(scratch, modes + 2 * L, k * _freed(constants, g + 6 * L, L, xi_eta, H0, H1, H2))
-    store(scratch, modes + 3 * L, k * _freed(constants, g + 9 * L, L, xi_eta_zeta, H0, H1, H2))
+    store(scratch, modes + 3 * L, k * xi_eta_zeta)
 
 
 @njit(forceinline=True)
@@ -440,23 +453,24 @@ def _freed(constants, g, L, mode, H0, H1, H2):
 
 
 @njit(forceinline=True)
-def _forces_of_component(constants, q, scratch, f, slopes, modes, L):
+def _forces_of_component(constants, q, scratch, f, slopes, modes, swept, L):
     """Corner forces of one component from V P and the hourglass modes': `_gradient_of_component` transposed."""
     eta_zeta, xi_zeta = load(scratch, modes), load(scratch, modes + L)
     xi_eta, xi_eta_zeta = load(scratch, modes + 2 * L), load(scratch, modes + 3 * L)
-    g = q + 21 * L
-    t0 = _reduced(constants, g, L, load(scratch, slopes), eta_zeta, xi_zeta, xi_eta, xi_eta_zeta)
-    t1 = _reduced(constants, g + L, L, load(scratch, slopes + L), eta_zeta, xi_zeta, xi_eta, xi_eta_zeta)
-    t2 = _reduced(constants, g + 2 * L, L, load(scratch, slopes + 2 * L), eta_zeta, xi_zeta, xi_eta, xi_eta_zeta)
-    w = q + 9 * L
-    eta_zeta = eta_zeta + t0 * load(constants, w) + t1 * load(constants, w + L) + t2 * load(constants, w + 2 * L)
-    w = q + 12 * L
-    xi_zeta = xi_zeta + t0 * load(constants, w) + t1 * load(constants, w + L) + t2 * load(constants, w + 2 * L)
-    w = q + 15 * L
-    xi_eta = xi_eta + t0 * load(constants, w) + t1 * load(constants, w + L) + t2 * load(constants, w + 2 * L)
-    xi = t0 * load(constants, q) + t1 * load(constants, q + L) + t2 * load(constants, q + 2 * L)
-    eta = t0 * load(constants, q + 3 * L) + t1 * load(constants, q + 4 * L) + t2 * load(constants, q + 5 * L)
-    zeta = t0 * load(constants, q + 6 * L) + t1 * load(constants, q + 7 * L) + t2 * load(constants, q + 8 * L)
+    w, g = q + 9 * L, q + 21 * L
+    t0 = load(scratch, slopes) - load(constants, g + 6 * L) * xi_eta
+    t1 = load(scratch, slopes + L) - load(constants, g + 7 * L) * xi_eta
+    t2 = load(scratch, slopes + 2 * L) - load(constants, g + 8 * L) * xi_eta
+    if not swept:
+        t0 = t0 - _weighted_modes(constants, g, L, eta_zeta, xi_zeta, xi_eta_zeta)
+        t1 = t1 - _weighted_modes(constants, g + L, L, eta_zeta, xi_zeta, xi_eta_zeta)
+        t2 = t2 - _weighted_modes(constants, g + 2 * L, L, eta_zeta, xi_zeta, xi_eta_zeta)
+        xi_eta = xi_eta + _weighted_row(constants, w + 6 * L, L, t0, t1, t2)
+    eta_zeta = eta_zeta + _weighted_row(constants, w, L, t0, t1, t2)
+    xi_zeta = xi_zeta + _weighted_row(constants, w + 3 * L, L, t0, t1, t2)
+    xi = _weighted_row(constants, q, L, t0, t1, t2)
+    eta = _weighted_row(constants, q + 3 * L, L, t0, t1, t2)
+    zeta = _weighted_row(constants, q + 6 * L, L, t0, t1, t2)
     f0, f1, f2, f3, f4, f5, f6, f7 = _corners(xi, eta, zeta, eta_zeta, xi_zeta, xi_eta, xi_eta_zeta)
     store(scratch, f, f0)
     store(scratch, f + L, f1)
@@ -469,10 +483,16 @@ def _forces_of_component(constants, q, scratch, f, slopes, modes, L):
 
 
 @njit(forceinline=True)
-def _reduced(constants, g, L, t, eta_zeta, xi_zeta, xi_eta, xi_eta_zeta):
-    """V P along one axis less what the hourglass modes take from it."""
-    t = (t - load(constants, g) * eta_zeta) - load(constants, g + 3 * L) * xi_zeta
-    return t - (load(constants, g + 6 * L) * xi_eta + load(constants, g + 9 * L) * xi_eta_zeta)
+def _weighted_row(constants, row, L, t0, t1, t2):
+    """Sum of three values times one row of constants."""
+    return t0 * load(constants, row) + t1 * load(constants, row + L) + t2 * load(constants, row + 2 * L)
+
+
+@njit(forceinline=True)
+def _weighted_modes(constants, g, L, eta_zeta, xi_zeta, xi_eta_zeta):
+    """What the hourglass modes but the third take from V P along one axis."""
+    two = load(constants, g) * eta_zeta + load(constants, g + 3 * L) * xi_zeta
+    return two + load(constants, g + 9 * L) * xi_eta_zeta
 
 
 @njit(forceinline=True)
