@@ -17,8 +17,9 @@ from simulator.simd import (
     inverse_cbrt,
     lanes,
     load,
+    load_along,
     load_as,
-    load_product_as,
+    load_product_along,
     lowest,
     meet,
     poison_unless_positive,
@@ -29,6 +30,7 @@ from simulator.simd import (
     store,
     total,
     zero,
+    zero_along,
 )
 
 NEO_HOOKEAN, ST_VENANT_KIRCHHOFF, VISCO_NEO_HOOKEAN = 0, 1, 2  # which law a batch follows
@@ -684,7 +686,7 @@ def _pull_nodes(nodes, part, before, now):
     L = lanes(du)
     g, momentum = load_as(du, now, 0), zero(du)
     for i in range(4 * nodes.starts[part], 4 * nodes.starts[part + 1], L):
-        m = spread(du, nodes.mass, i // 4)
+        m = spread(du, du, nodes.mass, i // 4)
         momentum = momentum + m * load(du, i)
         store(own, i, load_as(du, own, i) - m * g)
     mean = 0.5 * (load_as(du, before, 0) + g)
@@ -733,18 +735,17 @@ def _advance_nodes(nodes, part, keep, stats):
         for i in range(4 * nodes.touched[part, other, 0], 4 * nodes.touched[part, other, 1]):
             own[i] += foreign[i]
             foreign[i] = 0.0
-    L = lanes(u)
-    nothing = zero(u)
+    nothing = zero_along(own, u)
     square, product = nothing, nothing
-    for i in range(first, last, L):
-        old = load(du, i)
-        new = keep * old - load_product_as(u, compliance, own, i)
-        moved = load(u, i) + new
+    for i in range(first, last, lanes(own)):
+        old = load_along(own, du, i)
+        new = keep * old - load_product_along(own, u, compliance, own, i)
+        moved = load_along(own, u, i) + new
         store(du, i, new)
         store(u, i, moved)
         store(seen, i, moved)
         store(own, i, nothing)
-        impulse = spread(u, mass, i // 4) * new
+        impulse = spread(own, u, mass, i // 4) * new
         square = square + impulse * new
         product = product + impulse * old
     stats[SQUARE], stats[PRODUCT] = total(square), total(product)
