@@ -665,14 +665,15 @@ def _push_faces(loads, nodes, part, curves, step):
 @njit
 def _push_nodes(loads, nodes, part, curves, step):
     """Take nodal forces from one part's internal forces; return their work over the last increment."""
-    forces, du = nodes.forces[part].reshape(-1), nodes.du.reshape(-1)
+    forces, du = nodes.forces[part], nodes.du
     before, now = np.uintp(step - 1), np.uintp(step)
+    four = np.uintp(4)
     work = 0.0
     for i in range(np.uintp(loads.force_starts[part]), np.uintp(loads.force_starts[part + 1])):
-        dof, curve = loads.force_dof[i], loads.force_curve[i]
+        node, axis, curve = loads.force_dof[i] // four, loads.force_dof[i] % four, loads.force_curve[i]
         force = loads.force_n[i] * curves[curve, now]
-        forces[dof] -= force
-        work += (loads.force_n[i] * curves[curve, before] + force) * du[dof]
+        forces[node, axis] -= force
+        work += (loads.force_n[i] * curves[curve, before] + force) * du[node, axis]
     return 0.5 * work
 
 
@@ -682,7 +683,7 @@ def _pull_nodes(nodes, part, before, now):
 
     before, now : (8,) acceleration of all nodes in the last and in this step, m/s2, each x, y, z, 0 twice
     """
-    du, own = nodes.du.reshape(-1), nodes.forces[part].reshape(-1)
+    du, own = nodes.du, nodes.forces[part]
     L = lanes(du)
     g, momentum = load_as(du, now, 0), zero(du)
     for i in range(4 * nodes.starts[part], 4 * nodes.starts[part + 1], L):
@@ -696,24 +697,23 @@ def _pull_nodes(nodes, part, before, now):
 @njit
 def _move_nodes(loads, nodes, part, curves, step, keep, damping, dt):
     """Turn the forces of prescribed degrees of freedom into what brings them to place; return the constraints' work."""
-    u, du = nodes.u.reshape(-1), nodes.du.reshape(-1)
-    own = nodes.forces[part].reshape(-1)
+    u, du, own = nodes.u, nodes.du, nodes.forces[part]
     parts = nodes.forces.shape[0]
     work = 0.0
     for i in range(loads.moved_starts[part], loads.moved_starts[part + 1]):
-        dof = loads.moved_dof[i]
+        node, axis = loads.moved_dof[i] // 4, loads.moved_dof[i] % 4
         target = 0.0
         for term in range(loads.moved_terms[i], loads.moved_terms[i + 1]):
             target += loads.moved_m[term] * curves[loads.moved_curve[term], step + 1]
         force = 0.0
         for other in range(parts):
-            force += nodes.forces[other, dof // 4, dof % 4]
-            nodes.forces[other, dof // 4, dof % 4] = 0.0
-        old, new = du[dof], target - u[dof]
-        force += nodes.mass[dof // 4] * ((new - old) / (dt * dt) + damping * (new + old) / (2.0 * dt))
+            force += nodes.forces[other, node, axis]
+            nodes.forces[other, node, axis] = 0.0
+        old, new = du[node, axis], target - u[node, axis]
+        force += nodes.mass[node] * ((new - old) / (dt * dt) + damping * (new + old) / (2.0 * dt))
         work += 0.5 * (loads.reaction[i] + force) * old
         loads.reaction[i] = force
-        own[dof] = keep * old - new
+        own[node, axis] = keep * old - new
     return work
 
 
@@ -726,15 +726,15 @@ def _advance_nodes(nodes, part, keep, stats):
 
     keep = (1 - alpha dt/2) / (1 + alpha dt/2). Writes sum m du_new^2 and sum m du_new du_old to `stats`.
     """
-    u, du, seen = nodes.u.reshape(-1), nodes.du.reshape(-1), nodes.seen.reshape(-1)
-    compliance, mass = nodes.compliance.reshape(-1), nodes.mass
-    own = nodes.forces[part].reshape(-1)
+    u, du, seen, compliance, mass = nodes.u, nodes.du, nodes.seen, nodes.compliance, nodes.mass
+    own = nodes.forces[part]
     first, last = 4 * nodes.starts[part], 4 * nodes.starts[part + 1]
     for other in range(part + 1, nodes.forces.shape[0]):
-        foreign = nodes.forces[other].reshape(-1)
-        for i in range(4 * nodes.touched[part, other, 0], 4 * nodes.touched[part, other, 1]):
-            own[i] += foreign[i]
-            foreign[i] = 0.0
+        foreign = nodes.forces[other]
+        # From an even record on, as parts begin with one: two at a time never reach into the next part.
+        for i in range(nodes.touched[part, other, 0] // 2 * 8, 4 * nodes.touched[part, other, 1], lanes(own)):
+            store(own, i, load(own, i) + load(foreign, i))
+            store(foreign, i, zero(foreign))
     nothing = zero_along(own, u)
     square, product = nothing, nothing
     for i in range(first, last, lanes(own)):
@@ -839,7 +839,9 @@ def advance(
     done = 0
     for step in range(steps):
         at = column + step
-        pulled = np.any(gravity[at - 1 : at + 1] != 0.0)
+        pulled = False
+        for axis in range(3):
+            pulled |= gravity[at - 1, axis] != 0.0 or gravity[at, axis] != 0.0
         parity = step % 2
         for part in range(first, last):
             mine = stats[parity, part]
