@@ -51,6 +51,9 @@ def element_arrays(model: Model, parts: Partition, dtype: type, dt: float):
         _complete_runs(starts_of_records, order, L)
     constants = _element_constants(model)[order]
     constants[order < 0] = 0.0
+    swept = np.zeros(-(-len(order) // L), np.int64)
+    if model.element_type == "H8":
+        swept[:] = np.logical_and.reduceat(_swept(constants), np.arange(0, len(order), L))
     law = laws(model)[order]
     history, terms = _history(model, dt)
     starts = -(-parts.element_starts // L)
@@ -59,6 +62,7 @@ def element_arrays(model: Model, parts: Partition, dtype: type, dt: float):
         _batched(constants.astype(dtype), L, 0),
         law[::L].astype(np.int64),
         _runs(starts_of_records, L),
+        swept,
         _batched(history[order].astype(dtype), L, 0),
         terms,
         starts,
@@ -88,6 +92,17 @@ def _runs(starts: np.ndarray, L: int) -> np.ndarray:
     next_places = whole[:, 0, [1, 2, 5, 6]] == whole[:, 0, [0, 3, 4, 7]] + 4
     runs[: len(whole)] = in_order.all(axis=(1, 2)) & next_places.all(axis=1)
     return runs
+
+
+def _swept(constants: np.ndarray) -> np.ndarray:
+    """(E,) whether the constants that kernels.H8Elements.swept promises to be 0 are, but for rounding of the nodes."""
+    size = np.abs(constants[:, :9]).max(axis=1)  # of the gradients, 1/m
+    W_third, L_others = np.abs(constants[:, 15:18]).max(axis=1), np.abs(constants[:, _L_OTHERS]).max(axis=1)
+    return (W_third <= _ROUNDING * size) & (L_others * size <= _ROUNDING)
+
+
+_L_OTHERS = [*range(21, 27), *range(30, 33)]  # hourglass extents of the modes eta zeta, xi zeta and xi eta zeta
+_ROUNDING = 1e-12
 
 
 def _element_constants(model: Model) -> np.ndarray:

@@ -17,8 +17,9 @@ from simulator.simd import (
     inverse_cbrt,
     lanes,
     load,
+    load_along,
     load_as,
-    load_product_as,
+    load_product_along,
     lowest,
     meet,
     poison_unless_positive,
@@ -29,6 +30,7 @@ from simulator.simd import (
     store,
     total,
     zero,
+    zero_along,
 )
 
 NEO_HOOKEAN, ST_VENANT_KIRCHHOFF, VISCO_NEO_HOOKEAN = 0, 1, 2  # which law a batch follows
@@ -61,6 +63,8 @@ class H8Elements(NamedTuple):
     law : (B,) int64, law of a batch
     run : (B,) int64, 1 where the elements of a batch of 8 lie in a row: corner by corner their nodes are stored one
         after the other, in simd.RUN_ORDER, and corners 1, 2, 5, 6 one place after corners 0, 3, 4, 7
+    swept : (B,) int64, 1 where all elements of a batch are a face moved along a line, as those of a sheet of even
+        thickness: the third row of W and all but the third of L are 0
     history : (B * terms * HISTORY * L,) viscous stresses, m3 Pa
     terms : number of viscous terms of each element
     starts : (P + 1,) first batch of each part
@@ -70,6 +74,7 @@ class H8Elements(NamedTuple):
     constants: np.ndarray
     law: np.ndarray
     run: np.ndarray
+    swept: np.ndarray
     history: np.ndarray
     terms: int
     starts: np.ndarray
@@ -82,6 +87,7 @@ class T4Elements(NamedTuple):
     constants: np.ndarray
     law: np.ndarray
     run: np.ndarray
+    swept: np.ndarray
     history: np.ndarray
     terms: int
     starts: np.ndarray
@@ -94,6 +100,7 @@ class T4ANPElements(NamedTuple):
     constants: np.ndarray
     law: np.ndarray
     run: np.ndarray
+    swept: np.ndarray
     history: np.ndarray
     terms: int
     starts: np.ndarray
@@ -342,10 +349,10 @@ def _h8_forces(elements, part, seen, forces, scratch):
                 store(scratch, at + (8 + corner) * L, y)
                 store(scratch, at + (16 + corner) * L, z)
         for batch in range(first, last):
-            q, at = batch * 33 * L, (batch - first) * KEPT * L
+            q, at, swept = batch * 33 * L, (batch - first) * KEPT * L, elements.swept[batch]
             for i in range(3):
                 slopes, modes = at + (SLOPES + 3 * i) * L, at + (MODES + 4 * i) * L
-                _gradient_of_component(constants, q, scratch, at + 8 * i * L, slopes, modes, L)
+                _gradient_of_component(constants, q, scratch, at + 8 * i * L, slopes, modes, swept, L)
         for batch in range(first, last):
             q, h = batch * 33 * L, ((batch - first) * KEPT + SLOPES) * L
             P00, P01, P02, P10, P11, P12, P20, P21, P22, J = _stress(
@@ -376,10 +383,10 @@ def _h8_forces(elements, part, seen, forces, scratch):
             store(scratch, h + 7 * L, P21)
             store(scratch, h + 8 * L, P22)
         for batch in range(first, last):
-            q, at = batch * 33 * L, (batch - first) * KEPT * L
+            q, at, swept = batch * 33 * L, (batch - first) * KEPT * L, elements.swept[batch]
             for i in range(3):
                 slopes, modes = at + (SLOPES + 3 * i) * L, at + (MODES + 4 * i) * L
-                _forces_of_component(constants, q, scratch, at + 8 * i * L, slopes, modes, L)
+                _forces_of_component(constants, q, scratch, at + 8 * i * L, slopes, modes, swept, L)
         for batch in range(first, last):
             n, at, run = batch * 8 * L, (batch - first) * KEPT * L, elements.run[batch]
             for a, b in ((0, 1), (3, 2), (4, 5), (7, 6)):
@@ -400,7 +407,7 @@ def _h8_forces(elements, part, seen, forces, scratch):
 
 
 @njit(forceinline=True)
-def _gradient_of_component(constants, q, scratch, u, slopes, modes, L):
+def _gradient_of_component(constants, q, scratch, u, slopes, modes, swept, L):
     """du/dX = s_ak D_kj + Gamma_ai W_ij and k gamma^T u of one component from its corner values, all in scratch."""
     xi, eta, zeta, eta_zeta, xi_zeta, xi_eta, xi_eta_zeta = _modes(
         load(scratch, u),
@@ -412,51 +419,60 @@ def _gradient_of_component(constants, q, scratch, u, slopes, modes, L):
         load(scratch, u + 6 * L),
         load(scratch, u + 7 * L),
     )
-    H0 = xi * load(constants, q) + eta * load(constants, q + 3 * L) + zeta * load(constants, q + 6 * L)
-    H1 = xi * load(constants, q + L) + eta * load(constants, q + 4 * L) + zeta * load(constants, q + 7 * L)
-    H2 = xi * load(constants, q + 2 * L) + eta * load(constants, q + 5 * L) + zeta * load(constants, q + 8 * L)
-    w = q + 9 * L
-    H0 = H0 + eta_zeta * load(constants, w) + xi_zeta * load(constants, w + 3 * L) + xi_eta * load(constants, w + 6 * L)
-    H1 = H1 + eta_zeta * load(constants, w + L)
-    H1 = H1 + xi_zeta * load(constants, w + 4 * L) + xi_eta * load(constants, w + 7 * L)
-    H2 = H2 + eta_zeta * load(constants, w + 2 * L)
-    H2 = H2 + xi_zeta * load(constants, w + 5 * L) + xi_eta * load(constants, w + 8 * L)
+    k, w, g = load(constants, q + 20 * L), q + 9 * L, q + 21 * L
+    H0 = _weighted(constants, q, L, xi, eta, zeta)
+    H1 = _weighted(constants, q + L, L, xi, eta, zeta)
+    H2 = _weighted(constants, q + 2 * L, L, xi, eta, zeta)
+    H0 = H0 + (eta_zeta * load(constants, w) + xi_zeta * load(constants, w + 3 * L))
+    H1 = H1 + (eta_zeta * load(constants, w + L) + xi_zeta * load(constants, w + 4 * L))
+    H2 = H2 + (eta_zeta * load(constants, w + 2 * L) + xi_zeta * load(constants, w + 5 * L))
+    if not swept:
+        H0 = H0 + xi_eta * load(constants, w + 6 * L)
+        H1 = H1 + xi_eta * load(constants, w + 7 * L)
+        H2 = H2 + xi_eta * load(constants, w + 8 * L)
+        eta_zeta = _freed(constants, g, L, eta_zeta, H0, H1, H2)
+        xi_zeta = _freed(constants, g + 3 * L, L, xi_zeta, H0, H1, H2)
+        xi_eta_zeta = _freed(constants, g + 9 * L, L, xi_eta_zeta, H0, H1, H2)
     store(scratch, slopes, H0)
     store(scratch, slopes + L, H1)
     store(scratch, slopes + 2 * L, H2)
-    k, g = load(constants, q + 20 * L), q + 21 * L
-    store(scratch, modes, k * _freed(constants, g, L, eta_zeta, H0, H1, H2))
-    store(scratch, modes + L, k * _freed(constants, g + 3 * L, L, xi_zeta, H0, H1, H2))
+    store(scratch, modes, k * eta_zeta)
+    store(scratch, modes + L, k * xi_zeta)
     store(scratch, modes + 2 * L, k * _freed(constants, g + 6 * L, L, xi_eta, H0, H1, H2))
-    store(scratch, modes + 3 * L, k * _freed(constants, g + 9 * L, L, xi_eta_zeta, H0, H1, H2))
+    store(scratch, modes + 3 * L, k * xi_eta_zeta)
+
+
+@njit(forceinline=True)
+def _weighted(constants, column, L, a, b, c):
+    """Sum of three values times one column of three rows of constants."""
+    return a * load(constants, column) + b * load(constants, column + 3 * L) + c * load(constants, column + 6 * L)
 
 
 @njit(forceinline=True)
 def _freed(constants, g, L, mode, H0, H1, H2):
     """Amplitude of one hourglass mode less that of the affine motion."""
-    mode = mode - load(constants, g) * H0
-    mode = mode - load(constants, g + L) * H1
-    return mode - load(constants, g + 2 * L) * H2
+    return (mode - load(constants, g) * H0) - (load(constants, g + L) * H1 + load(constants, g + 2 * L) * H2)
 
 
 @njit(forceinline=True)
-def _forces_of_component(constants, q, scratch, f, slopes, modes, L):
+def _forces_of_component(constants, q, scratch, f, slopes, modes, swept, L):
     """Corner forces of one component from V P and the hourglass modes': `_gradient_of_component` transposed."""
     eta_zeta, xi_zeta = load(scratch, modes), load(scratch, modes + L)
     xi_eta, xi_eta_zeta = load(scratch, modes + 2 * L), load(scratch, modes + 3 * L)
-    g = q + 21 * L
-    t0 = _reduced(constants, g, L, load(scratch, slopes), eta_zeta, xi_zeta, xi_eta, xi_eta_zeta)
-    t1 = _reduced(constants, g + L, L, load(scratch, slopes + L), eta_zeta, xi_zeta, xi_eta, xi_eta_zeta)
-    t2 = _reduced(constants, g + 2 * L, L, load(scratch, slopes + 2 * L), eta_zeta, xi_zeta, xi_eta, xi_eta_zeta)
-    w = q + 9 * L
-    eta_zeta = eta_zeta + t0 * load(constants, w) + t1 * load(constants, w + L) + t2 * load(constants, w + 2 * L)
-    w = q + 12 * L
-    xi_zeta = xi_zeta + t0 * load(constants, w) + t1 * load(constants, w + L) + t2 * load(constants, w + 2 * L)
-    w = q + 15 * L
-    xi_eta = xi_eta + t0 * load(constants, w) + t1 * load(constants, w + L) + t2 * load(constants, w + 2 * L)
-    xi = t0 * load(constants, q) + t1 * load(constants, q + L) + t2 * load(constants, q + 2 * L)
-    eta = t0 * load(constants, q + 3 * L) + t1 * load(constants, q + 4 * L) + t2 * load(constants, q + 5 * L)
-    zeta = t0 * load(constants, q + 6 * L) + t1 * load(constants, q + 7 * L) + t2 * load(constants, q + 8 * L)
+    w, g = q + 9 * L, q + 21 * L
+    t0 = load(scratch, slopes) - load(constants, g + 6 * L) * xi_eta
+    t1 = load(scratch, slopes + L) - load(constants, g + 7 * L) * xi_eta
+    t2 = load(scratch, slopes + 2 * L) - load(constants, g + 8 * L) * xi_eta
+    if not swept:
+        t0 = t0 - _weighted_modes(constants, g, L, eta_zeta, xi_zeta, xi_eta_zeta)
+        t1 = t1 - _weighted_modes(constants, g + L, L, eta_zeta, xi_zeta, xi_eta_zeta)
+        t2 = t2 - _weighted_modes(constants, g + 2 * L, L, eta_zeta, xi_zeta, xi_eta_zeta)
+        xi_eta = xi_eta + _weighted_row(constants, w + 6 * L, L, t0, t1, t2)
+    eta_zeta = eta_zeta + _weighted_row(constants, w, L, t0, t1, t2)
+    xi_zeta = xi_zeta + _weighted_row(constants, w + 3 * L, L, t0, t1, t2)
+    xi = _weighted_row(constants, q, L, t0, t1, t2)
+    eta = _weighted_row(constants, q + 3 * L, L, t0, t1, t2)
+    zeta = _weighted_row(constants, q + 6 * L, L, t0, t1, t2)
     f0, f1, f2, f3, f4, f5, f6, f7 = _corners(xi, eta, zeta, eta_zeta, xi_zeta, xi_eta, xi_eta_zeta)
     store(scratch, f, f0)
     store(scratch, f + L, f1)
@@ -469,12 +485,16 @@ def _forces_of_component(constants, q, scratch, f, slopes, modes, L):
 
 
 @njit(forceinline=True)
-def _reduced(constants, g, L, t, eta_zeta, xi_zeta, xi_eta, xi_eta_zeta):
-    """V P along one axis less what the hourglass modes take from it."""
-    t = t - load(constants, g) * eta_zeta
-    t = t - load(constants, g + 3 * L) * xi_zeta
-    t = t - load(constants, g + 6 * L) * xi_eta
-    return t - load(constants, g + 9 * L) * xi_eta_zeta
+def _weighted_row(constants, row, L, t0, t1, t2):
+    """Sum of three values times one row of constants."""
+    return t0 * load(constants, row) + t1 * load(constants, row + L) + t2 * load(constants, row + 2 * L)
+
+
+@njit(forceinline=True)
+def _weighted_modes(constants, g, L, eta_zeta, xi_zeta, xi_eta_zeta):
+    """What the hourglass modes but the third take from V P along one axis."""
+    two = load(constants, g) * eta_zeta + load(constants, g + 3 * L) * xi_zeta
+    return two + load(constants, g + 9 * L) * xi_eta_zeta
 
 
 @njit(forceinline=True)
@@ -645,14 +665,15 @@ def _push_faces(loads, nodes, part, curves, step):
 @njit
 def _push_nodes(loads, nodes, part, curves, step):
     """Take nodal forces from one part's internal forces; return their work over the last increment."""
-    forces, du = nodes.forces[part].reshape(-1), nodes.du.reshape(-1)
+    forces, du = nodes.forces[part], nodes.du
     before, now = np.uintp(step - 1), np.uintp(step)
+    four = np.uintp(4)
     work = 0.0
     for i in range(np.uintp(loads.force_starts[part]), np.uintp(loads.force_starts[part + 1])):
-        dof, curve = loads.force_dof[i], loads.force_curve[i]
+        node, axis, curve = loads.force_dof[i] // four, loads.force_dof[i] % four, loads.force_curve[i]
         force = loads.force_n[i] * curves[curve, now]
-        forces[dof] -= force
-        work += (loads.force_n[i] * curves[curve, before] + force) * du[dof]
+        forces[node, axis] -= force
+        work += (loads.force_n[i] * curves[curve, before] + force) * du[node, axis]
     return 0.5 * work
 
 
@@ -662,11 +683,11 @@ def _pull_nodes(nodes, part, before, now):
 
     before, now : (8,) acceleration of all nodes in the last and in this step, m/s2, each x, y, z, 0 twice
     """
-    du, own = nodes.du.reshape(-1), nodes.forces[part].reshape(-1)
+    du, own = nodes.du, nodes.forces[part]
     L = lanes(du)
     g, momentum = load_as(du, now, 0), zero(du)
     for i in range(4 * nodes.starts[part], 4 * nodes.starts[part + 1], L):
-        m = spread(du, nodes.mass, i // 4)
+        m = spread(du, du, nodes.mass, i // 4)
         momentum = momentum + m * load(du, i)
         store(own, i, load_as(du, own, i) - m * g)
     mean = 0.5 * (load_as(du, before, 0) + g)
@@ -676,24 +697,23 @@ def _pull_nodes(nodes, part, before, now):
 @njit
 def _move_nodes(loads, nodes, part, curves, step, keep, damping, dt):
     """Turn the forces of prescribed degrees of freedom into what brings them to place; return the constraints' work."""
-    u, du = nodes.u.reshape(-1), nodes.du.reshape(-1)
-    own = nodes.forces[part].reshape(-1)
+    u, du, own = nodes.u, nodes.du, nodes.forces[part]
     parts = nodes.forces.shape[0]
     work = 0.0
     for i in range(loads.moved_starts[part], loads.moved_starts[part + 1]):
-        dof = loads.moved_dof[i]
+        node, axis = loads.moved_dof[i] // 4, loads.moved_dof[i] % 4
         target = 0.0
         for term in range(loads.moved_terms[i], loads.moved_terms[i + 1]):
             target += loads.moved_m[term] * curves[loads.moved_curve[term], step + 1]
         force = 0.0
         for other in range(parts):
-            force += nodes.forces[other, dof // 4, dof % 4]
-            nodes.forces[other, dof // 4, dof % 4] = 0.0
-        old, new = du[dof], target - u[dof]
-        force += nodes.mass[dof // 4] * ((new - old) / (dt * dt) + damping * (new + old) / (2.0 * dt))
+            force += nodes.forces[other, node, axis]
+            nodes.forces[other, node, axis] = 0.0
+        old, new = du[node, axis], target - u[node, axis]
+        force += nodes.mass[node] * ((new - old) / (dt * dt) + damping * (new + old) / (2.0 * dt))
         work += 0.5 * (loads.reaction[i] + force) * old
         loads.reaction[i] = force
-        own[dof] = keep * old - new
+        own[node, axis] = keep * old - new
     return work
 
 
@@ -706,27 +726,26 @@ def _advance_nodes(nodes, part, keep, stats):
 
     keep = (1 - alpha dt/2) / (1 + alpha dt/2). Writes sum m du_new^2 and sum m du_new du_old to `stats`.
     """
-    u, du, seen = nodes.u.reshape(-1), nodes.du.reshape(-1), nodes.seen.reshape(-1)
-    compliance, mass = nodes.compliance.reshape(-1), nodes.mass
-    own = nodes.forces[part].reshape(-1)
+    u, du, seen, compliance, mass = nodes.u, nodes.du, nodes.seen, nodes.compliance, nodes.mass
+    own = nodes.forces[part]
     first, last = 4 * nodes.starts[part], 4 * nodes.starts[part + 1]
     for other in range(part + 1, nodes.forces.shape[0]):
-        foreign = nodes.forces[other].reshape(-1)
-        for i in range(4 * nodes.touched[part, other, 0], 4 * nodes.touched[part, other, 1]):
-            own[i] += foreign[i]
-            foreign[i] = 0.0
-    L = lanes(u)
-    nothing = zero(u)
+        foreign = nodes.forces[other]
+        # From an even record on, as parts begin with one: two at a time never reach into the next part.
+        for i in range(nodes.touched[part, other, 0] // 2 * 8, 4 * nodes.touched[part, other, 1], lanes(own)):
+            store(own, i, load(own, i) + load(foreign, i))
+            store(foreign, i, zero(foreign))
+    nothing = zero_along(own, u)
     square, product = nothing, nothing
-    for i in range(first, last, L):
-        old = load(du, i)
-        new = keep * old - load_product_as(u, compliance, own, i)
-        moved = load(u, i) + new
+    for i in range(first, last, lanes(own)):
+        old = load_along(own, du, i)
+        new = keep * old - load_product_along(own, u, compliance, own, i)
+        moved = load_along(own, u, i) + new
         store(du, i, new)
         store(u, i, moved)
         store(seen, i, moved)
         store(own, i, nothing)
-        impulse = spread(u, mass, i // 4) * new
+        impulse = spread(own, u, mass, i // 4) * new
         square = square + impulse * new
         product = product + impulse * old
     stats[SQUARE], stats[PRODUCT] = total(square), total(product)
@@ -820,7 +839,9 @@ def advance(
     done = 0
     for step in range(steps):
         at = column + step
-        pulled = np.any(gravity[at - 1 : at + 1] != 0.0)
+        pulled = False
+        for axis in range(3):
+            pulled |= gravity[at - 1, axis] != 0.0 or gravity[at, axis] != 0.0
         parity = step % 2
         for part in range(first, last):
             mine = stats[parity, part]

@@ -7,7 +7,7 @@ import pytest
 from meshes import ELEMENT_TYPES, distorted
 
 from simulator import assembly, elements, kernels
-from simulator.mesh import lip_sheet, shuffled
+from simulator.mesh import block, lip_sheet, shuffled
 from simulator.model import Model, NeoHookean
 from simulator.partition import partition
 
@@ -161,6 +161,23 @@ def test_rows_of_a_sheet_give_the_same_forces_in_any_numbering(jumbled):
     expected = elements.internal_forces(*arguments(model), u)
     f, _ = compiled_forces(model, u, "mixed", parts=2)
     assert np.abs(f - expected).max() < 1e-5 * np.abs(expected).max()
+
+
+def test_swept_elements_are_told_from_others_and_give_the_plain_forces():
+    rng = np.random.default_rng(11)
+    nodes, cells = block((9, 4, 3), (0.09, 0.04, 0.03))
+    x, y = nodes[:, 0].copy(), nodes[:, 1].copy()
+    # Every layer is the same warped face, moved along a slanting line; then the last layer becomes uneven.
+    nodes += np.stack([0.3 * nodes[:, 2] + 3 * x * y, 2 * y * y - 4 * x * y, 5 * x * y + 6 * x * x], axis=1)
+    uneven = nodes + np.where(nodes[:, 2:] > nodes[:, 2:].max() - 1e-9, 0.001, 0.0)
+    for points, all_swept in ((nodes, True), (uneven, False)):
+        model = Model(points, cells)
+        u = rng.normal(0, 5e-4, points.shape)
+        division = partition(model.elements, assembly.laws(model), len(points), 1)
+        swept = assembly.element_arrays(model, division, np.float64, 1e-4).swept
+        assert swept.all() if all_swept else 0 < swept.mean() < 1
+        expected = elements.internal_forces(*arguments(model), u)
+        assert np.abs(compiled_forces(model, u)[0] - expected).max() < 1e-12 * np.abs(expected).max()
 
 
 @pytest.mark.parametrize("element_type", ["H8", "T4"])

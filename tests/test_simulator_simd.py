@@ -71,14 +71,19 @@ def test_nan_and_negative_volume_ratios_poison_the_lowest():
 
 @njit
 def widened(wide, single, other, out):
-    simd.store(out, 0, simd.load_product_as(wide, single, other, 0) + simd.spread(wide, single, 1))
+    old = simd.load_along(single, wide, 0) + simd.zero_along(single, wide)
+    new = simd.load_product_along(single, wide, single, other, 0) + simd.spread(single, wide, other, 1)
+    simd.store(out, 0, old + new)
 
 
 @pytest.mark.parametrize("real", [np.float32, np.float64])
 def test_products_and_values_per_record_match_numpy(real):
     rng = np.random.default_rng(2)
     single, other = rng.random((2, 8)).astype(np.float32)
-    wide, out, plain = np.zeros((3, 8), real)
+    wide = rng.random(8).astype(real)
+    out, plain = np.zeros((2, 8), real)
     widened(wide, single, other, out)
     widened.py_func(wide, single, other, plain)
-    assert np.array_equal(out, plain) and out[0] == real(single[0] * other[0]) + real(single[1])
+    per_record = np.repeat(other[1:3], 4).astype(real)
+    assert np.array_equal(out, plain)
+    assert np.array_equal(out, wide + ((single * other).astype(real) + per_record))
