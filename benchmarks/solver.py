@@ -4,9 +4,10 @@
     python benchmarks/solver.py --tables speed auto   # some of them; --help lists all
 
 Meshes are one layer of hexahedra like the lower face, with a closed slit, of the thesis's sizes; "jumbled" is the same
-with node and element numbers in random order. Times of single-thread kernels are processor time of the thread, the best
-of many short runs, which other work on the machine disturbs least; where threads are compared, and where a table says
-"wall", it is time on the wall. The load of the machine is printed with the tables.
+with node and element numbers in random order, "unstructured" a slab of hexahedra cut from tetrahedra. Times of
+single-thread kernels are processor time of the thread, the best of many short runs, which other work on the machine
+disturbs least; where threads are compared, and where a table says "wall", it is time on the wall. The load of the
+machine is printed with the tables.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -49,6 +51,43 @@ def sheet(elements: int, jumbled: bool = False, **settings) -> Model:
     for side, newton in (("upper", 0.04), ("lower", -0.08)):
         loads.append(Force(sets[side], 1, newton / len(sets[side]), pull))
     return Model(nodes, cells, loads=tuple(loads), **{"damping": 90.0, **settings})
+
+
+def unstructured(elements: int) -> Model:
+    """A slab of about so many hexahedra, none in a row with another: each tetrahedron of a mesh makes four."""
+    side = round((elements / 24) ** 0.5)
+    rng = np.random.default_rng(0)
+    nodes, cells = block((side, side, 1), (0.1, 0.1, 0.004))
+    inner = (nodes[:, :2] > 0).all(axis=1) & (nodes[:, :2] < 0.0999).all(axis=1)
+    nodes[inner, :2] += rng.uniform(-0.1, 0.1, (inner.sum(), 2)) * 0.1 / side
+    nodes, cells = quartered(nodes, to_tetrahedra(nodes, cells))
+    nodes, cells, _ = shuffled(nodes, cells, rng)
+    far = np.flatnonzero(nodes[:, 0] > 0.0999)
+    pull = Force(far, 0, 0.05 / len(far), LoadShape("POLY345", 1.0))
+    return Model(
+        nodes, cells, loads=(Fixed(np.flatnonzero(nodes[:, 0] == 0)), pull), damping=90.0, dt_s=ANIMATION_DT / 4
+    )
+
+
+def quartered(nodes: np.ndarray, tetrahedra: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes and hexahedra (4 E, 8): every tetrahedron (E, 4) cut at the middles of its edges, faces and volume."""
+    corners = [(v,) for v in range(4)]
+    edges = [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)]
+    faces = [(0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)]
+    parts = [*corners, *edges, *faces, (0, 1, 2, 3)]
+    points = np.stack([nodes[tetrahedra[:, part]].mean(axis=1) for part in parts], axis=1).reshape(-1, 3)
+    # the same edge or face of neighbours is known by the nodes it lies between
+    names = np.full((len(tetrahedra), len(parts), 4), -1)
+    for k, part in enumerate(parts):
+        names[:, k, : len(part)] = np.sort(tetrahedra[:, part], axis=1)
+    _, first, number = np.unique(names.reshape(-1, 4), axis=0, return_index=True, return_inverse=True)
+    number = number.reshape(len(tetrahedra), len(parts))
+    place = {frozenset(part): k for k, part in enumerate(parts)}
+    hexahedra = []
+    for v, a, b, c in ((0, 1, 2, 3), (1, 0, 3, 2), (2, 0, 1, 3), (3, 0, 2, 1)):  # turns that keep the volume positive
+        corner = ({v}, {v, a}, {v, a, b}, {v, b}, {v, c}, {v, a, c}, {v, a, b, c}, {v, b, c})
+        hexahedra.append(number[:, [place[frozenset(part)] for part in corner]])
+    return points[first], np.concatenate(hexahedra)
 
 
 class Stepper:
@@ -88,18 +127,23 @@ def best(run: Callable[[], object], repeats: int, timer: Callable[[], float] = t
 
 def speed_table(repeats: int) -> str:
     """Million element steps per second on one core."""
+    meshes = {
+        "mouth": partial(sheet, dt_s=ANIMATION_DT),
+        "mouth, jumbled": partial(sheet, jumbled=True, dt_s=ANIMATION_DT),
+        "unstructured": unstructured,
+    }
     rows = {}
     for precision in PRECISIONS:
-        for jumbled in (False, True):
+        for name, make in meshes.items():
             cells = {}
             for elements in SHEET_CELLS:
-                model = sheet(elements, jumbled, dt_s=ANIMATION_DT)
+                model = make(elements)
                 stepper = Stepper(model, precision, max(10, int(3e5 / elements)))
                 stepper.run()
                 fastest, middle = best(stepper.run, repeats)
                 work = stepper.steps * len(model.elements) / 1e6
-                cells[str(len(model.elements))] = f"{work / fastest:.1f} ({work / middle:.1f})"
-            rows[f"{precision}, {'jumbled' if jumbled else 'near-structured'}"] = cells
+                cells[f"about {elements}"] = f"{work / fastest:.1f} ({work / middle:.1f})"
+            rows[f"{precision}, {name}"] = cells
     table = pd.DataFrame(rows).T
     table.index.name = "million element steps per s, best (median)"
     return "Inner loop, one core, processor time.\n\n" + markdown(table)
