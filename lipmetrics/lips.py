@@ -39,6 +39,7 @@ LOOK_ROUND = 8  # every so many frames the whole canvas is looked at, not only w
 MARGIN = (8, 4)  # rows, columns around the lips that are looked at again: in a frame the lips move less than that
 CENTRAL = (20, 92, 7, 57)  # of the fine canvas: looked at in the first frame, even if the coarse look sees less
 Region = tuple[int, int, int, int]  # half-open part (row0, row1, col0, col1) of a canvas
+Extent = tuple[float, float, float, float]  # top, bottom, left, right of a mouth on a canvas, in its px
 
 
 @dataclass(frozen=True)
@@ -221,9 +222,6 @@ def moved_box(box: Box, lips: Lips, size: tuple[int, int]) -> Box:
     return Box(
         float(row), float(col), float(width), float(np.clip(box.roll_rad + 0.7 * tilt, -MAX_ROLL_RAD, MAX_ROLL_RAD))
     )
-
-
-Extent = tuple[float, float, float, float]  # top, bottom, left, right of a mouth on a canvas, in its px
 
 
 def region_of(extent: Extent, size: tuple[int, int], other: tuple[int, int]) -> Region:

@@ -12,11 +12,13 @@ import pandas as pd
 import pytest
 
 from lipmetrics.look import CLOSED, NO_MOUTH, OPEN, Look
+from simulator.mesh import block, to_tetrahedra
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 import reference
 import results
 import scores
+import solver
 import speed
 
 needs_data = pytest.mark.skipif(
@@ -302,3 +304,23 @@ def test_markdown_table():
         "| p | 1 | 0.13 |",
         "| q | - | x |",
     ]
+
+
+# --- meshes
+
+
+def test_quartered_tetrahedra_fill_the_block_with_hexahedra_that_share_their_nodes():
+    nodes, cells = block((2, 3, 1), (0.2, 0.3, 0.1))
+    tetrahedra = to_tetrahedra(nodes, cells)
+    points, hexahedra = solver.quartered(nodes, tetrahedra)
+    assert hexahedra.shape == (4 * len(tetrahedra), 8)
+    assert len(np.unique(points.round(9), axis=0)) == len(points)  # no node twice
+    signs = np.array([(x, y, z) for z in (-1, 1) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))]) / 8
+    jacobians = np.linalg.det(np.einsum("ni,enj->eij", signs, points[hexahedra]))
+    assert jacobians.min() > 0
+    faces = [(0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)]
+    sides = np.sort(hexahedra[:, faces].reshape(-1, 4), axis=1)
+    _, shared = np.unique(sides, axis=0, return_counts=True)
+    assert shared.max() == 2
+    on_surface = 2 * (2 * 3 + 2 * 1 + 3 * 1) * 2 * 3  # squares of two triangles, three quadrilaterals each
+    assert (shared == 1).sum() == on_surface
