@@ -31,6 +31,29 @@ class Stop:
         return f"stopped at {self.time_s:.6g} s: {self.cause}{where}; {self.advice}"
 
 
+INTACT, BROKEN, STICKING = 0, 1, 2  # states of a saliva element
+
+
+@dataclass(frozen=True, eq=False)
+class SalivaRecord:
+    """The saliva between the lips over time, element by element.
+
+    Parameters
+    ----------
+    elements : (S,) element numbers
+    state : (T, S) uint8, INTACT, BROKEN or STICKING (its force is being ramped in again)
+    stretch : (T, S) height over height at rest, the square root of Q = C11 (thesis eq. 3.61)
+    moisture : (T, S) moisture over critical moisture, M / Mc (thesis eqs 3.66 and 3.67)
+    critical : (T, S) Z, the value of Q at which the element breaks
+    """
+
+    elements: np.ndarray
+    state: np.ndarray
+    stretch: np.ndarray
+    moisture: np.ndarray
+    critical: np.ndarray
+
+
 @dataclass(frozen=True, eq=False)
 class Motion:
     """Positions of all nodes over time.
@@ -48,6 +71,7 @@ class Motion:
     stopped : why the run ended early, or None
     settings : everything the run depended on, for provenance
     velocities : (T, N, 3) m/s, or None where they were not asked for
+    saliva : the saliva's states, or None where the model has none
     """
 
     time_s: np.ndarray
@@ -59,6 +83,7 @@ class Motion:
     stopped: Stop | None = None
     settings: dict = field(default_factory=dict)
     velocities: np.ndarray | None = None
+    saliva: SalivaRecord | None = None
 
     @property
     def displacements(self) -> np.ndarray:
