@@ -1,7 +1,7 @@
-"""The lower face as one layer of hexahedra: skin and lips of tissue, and a film of saliva along the line between the lips.
+"""The lower face as one layer of hexahedra: skin and lips of tissue, a film of saliva between the lips.
 
-The mesh is a grid of columns (from one cheek to the other) and rows (from the chin up to the nose). One row is the line
-of the mouth: between the corners of the mouth its elements are the saliva, beyond them skin that grows thicker outwards.
+The mesh is a grid of columns (from one cheek to the other) and rows (from the chin up to the nose). One row is the
+line of the mouth: between the corners its elements are the saliva, beyond them skin that grows thicker outwards.
 
 Coordinates at rest, m: x to the right of the picture (the left of the face), y up, z towards the viewer; the middle of
 the closed lips is near the origin. The first half of the nodes are the inner surface, the second half the outer one.
@@ -72,8 +72,8 @@ class Mouth:
     group : (E,) SKIN, LIPS or SALIVA
     saliva : (S,) saliva elements along the lips, from negative to positive x
     upper, lower : (S + 1, 2) nodes of the lips' edges, column by column along the saliva: [:, 0] outer, [:, 1] inner
-    outer, inner : (Q, 4) the outer and the inner surface as quads, row q of both belongs to element q; counter-clockwise
-        seen from outside the body
+    outer, inner : (Q, 4) the outer and the inner surface as quads, row q of both belongs to element q;
+        counter-clockwise seen from outside the body
     border_m : (N,) distance to the border between skin and red lip, m, positive in the lips
     film_m : thickness of the saliva at rest, m
     shape : what the mesh was made from, or None where it was read from a file
@@ -215,7 +215,7 @@ def surface_z(shape: MouthShape, x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def _lip_profile(d: np.ndarray) -> np.ndarray:
-    """How far a lip stands out at d lip heights from the line: 0.3 at the line, 1 in the middle, 0 beyond the border."""
+    """How far a lip stands out at d heights of it from the line: 0.3 there, 1 in its middle, 0 beyond."""
     inner = 0.3 + 0.7 * np.sin(np.pi / 2 * np.clip(d / 0.45, 0, 1))
     outer = 0.5 + 0.5 * np.cos(np.pi * np.clip((d - 0.45) / 1.05, 0, 1))
     return np.where(d < 0.45, inner, outer)
@@ -231,10 +231,10 @@ def _check(shape: MouthShape) -> None:
         value = getattr(shape, one.name)
         if not (isinstance(value, int | float) and math.isfinite(value)):
             raise InputError(f"expected {one.name} as a number of m, got {value!r}")
-        if one.name not in ("corner_rise_m", "bow_m", "protrusion_m", "chin_m", "groove_m") and value <= 0:
-            raise InputError(f"expected {one.name} above 0 m, got {value}")
     limits = (
         ("width_m", 0.02, 0.12),
+        ("upper_lip_m", 0.001, 0.03),
+        ("lower_lip_m", 0.001, 0.03),
         ("film_m", 2e-5, 0.002),
         ("thickness_m", 0.001, 0.02),
         ("half_width_m", shape.width_m / 2 * 1.3, 0.2),
