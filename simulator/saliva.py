@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -19,8 +20,8 @@ class Saliva:
     """Elements of a model that break, decay, stick again, and keep the lips apart.
 
     Q is the square of the stretch along the height of the element. It breaks where Q reaches Z = 1 + K M / Mc
-    (`moisture.critical`); the force that it then has decays as exp(-t / decay_s). Where its height comes back to that at
-    rest, its force is ramped in again over ramp_s. Squeezed, it is stiff in whatever state it is.
+    (`moisture.critical`); the force that it then has decays as exp(-t / decay_s). Where its height comes back to that
+    at rest, its force is ramped in again over ramp_s. Squeezed, it is stiff in whatever state it is.
 
     Parameters
     ----------
@@ -67,13 +68,13 @@ class Saliva:
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0):
                 raise InputError(f"expected {name} above 0 s, got {getattr(self, name)}")
         licks = tuple(self.licks)
-        for before, after in zip(licks, licks[1:], strict=False):
+        for before, after in itertools.pairwise(licks):
             if after.time_s < before.time_s:
                 raise InputError(
                     f"expected licks in the order of their times, got {after.time_s} after {before.time_s} s"
                 )
         for lick in licks:
-            if len(lick.saliva) and not (0 <= lick.saliva.min() and lick.saliva.max() < count):
+            if len(lick.saliva) and not (lick.saliva.min() >= 0 and lick.saliva.max() < count):
                 raise InputError(f"expected a lick on saliva elements 0 to {count - 1}, got {lick.saliva.max()}")
         values["licks"] = licks
         for name, value in values.items():
