@@ -85,16 +85,16 @@ def draw_triangles(
 
 
 @njit(cache=True, nogil=True)
-def _add_edge(row0, column0, row1, column1, weight, cover) -> None:
+def _add_edge(start, end, weight, cover) -> None:
     """Add an edge's signed share to cover (H, W + 2), whose running sum along a row is then the covered area."""
     height, width = cover.shape[0], cover.shape[1] - 2
-    y0, x0, y1, x1 = row0 + 0.5, column0 + 0.5, row1 + 0.5, column1 + 0.5
+    y0, x0, y1, x1 = start[0] + 0.5, start[1] + 0.5, end[0] + 0.5, end[1] + 0.5
     if y0 == y1:
         return
     if y0 > y1:
         y0, x0, y1, x1, weight = y1, x1, y0, x0, -weight
     slope = (x1 - x0) / (y1 - y0)
-    for row in range(max(int(math.floor(y0)), 0), min(int(math.ceil(y1)), height)):
+    for row in range(max(math.floor(y0), 0), min(math.ceil(y1), height)):
         a, b = max(y0, float(row)), min(y1, row + 1.0)
         if b <= a:
             continue
@@ -120,14 +120,6 @@ def _add_edge(row0, column0, row1, column1, weight, cover) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _at(line: np.ndarray, at: int, x: float) -> float:
-    """Height of a polyline (n, 2) of (row, column) at column x on its piece `at`."""
-    x0, x1 = line[at, 1], line[at + 1, 1]
-    t = (x - x0) / (x1 - x0) if x1 > x0 else 0.0
-    return line[at, 0] + t * (line[at + 1, 0] - line[at, 0])
-
-
-@njit(cache=True, nogil=True)
 def add_opening(edges, middle, breaks, opacity, cos, sin, centre_row, centre_column, weight, cover) -> None:
     """Add the exactly covered area of every pixel by what is seen between the lips, before the running sum.
 
@@ -147,7 +139,8 @@ def add_opening(edges, middle, breaks, opacity, cos, sin, centre_row, centre_col
     end = min(edges[0, n - 1, 1], edges[1, n - 1, 1], edges[2, n - 1, 1], edges[3, n - 1, 1])
     at = np.zeros(4, np.int64)
     element = 0
-    cuts = np.empty(4)
+    cuts, here = np.empty(4), np.empty((4, 2))
+    path = np.empty((5, 2))
     for b in range(len(breaks) - 1):
         x0, x1 = max(breaks[b], begin), min(breaks[b + 1], end)
         if not x1 > x0:
@@ -158,10 +151,14 @@ def add_opening(edges, middle, breaks, opacity, cos, sin, centre_row, centre_col
                 at[e] += 1
         while element < n - 2 and middle[element + 1] <= centre:
             element += 1
-        uo0, uo1 = _at(edges[0], at[0], x0), _at(edges[0], at[0], x1)
-        ui0, ui1 = _at(edges[1], at[1], x0), _at(edges[1], at[1], x1)
-        lo0, lo1 = _at(edges[2], at[2], x0), _at(edges[2], at[2], x1)
-        li0, li1 = _at(edges[3], at[3], x0), _at(edges[3], at[3], x1)
+        for e in range(4):
+            i = at[e]
+            start, reach = edges[e, i, 1], edges[e, i + 1, 1] - edges[e, i, 1]
+            slope = (edges[e, i + 1, 0] - edges[e, i, 0]) / reach if reach > 0 else 0.0
+            here[e, 0] = edges[e, i, 0] + slope * (x0 - start)
+            here[e, 1] = edges[e, i, 0] + slope * (x1 - start)
+        uo0, ui0, lo0, li0 = here[0, 0], here[1, 0], here[2, 0], here[3, 0]
+        uo1, ui1, lo1, li1 = here[0, 1], here[1, 1], here[2, 1], here[3, 1]
         if min(lo0, li0) <= max(uo0, ui0) and min(lo1, li1) <= max(uo1, ui1):
             continue
         # between the places where outer and inner edges cross, the region is a trapezium, a triangle or nothing
@@ -194,21 +191,16 @@ def add_opening(edges, middle, breaks, opacity, cos, sin, centre_row, centre_col
                     low_z = top_z
             xa, xz = x0 + a * (x1 - x0) - centre_column, x0 + z * (x1 - x0) - centre_column
             ya, yz, va, vz = top_a - centre_row, top_z - centre_row, low_a - centre_row, low_z - centre_row
+            corners = ((ya, xa), (va, xa), (vz, xz), (yz, xz), (ya, xa))
+            for turn in range(5):
+                y, x = corners[turn]
+                path[turn, 0] = centre_row + cos * y + sin * x
+                path[turn, 1] = centre_column + cos * x - sin * y
             for turn in range(4):
-                if turn == 0:
-                    y0, c0, y1, c1 = ya, xa, va, xa
-                elif turn == 1:
-                    y0, c0, y1, c1 = va, xa, vz, xz
-                elif turn == 2:
-                    y0, c0, y1, c1 = vz, xz, yz, xz
-                else:
-                    y0, c0, y1, c1 = yz, xz, ya, xa
-                r0, q0 = centre_row + cos * y0 + sin * c0, centre_column + cos * c0 - sin * y0
-                r1, q1 = centre_row + cos * y1 + sin * c1, centre_column + cos * c1 - sin * y1
                 for layer in range(2):
                     share = opacity[element] if layer else 1 - opacity[element]
                     if share > 0:
-                        _add_edge(r0, q0, r1, q1, weight * share, cover[layer])
+                        _add_edge(path[turn], path[turn + 1], weight * share, cover[layer])
 
 
 @njit(cache=True, nogil=True)

@@ -33,7 +33,7 @@ from simulator.wording import choices, nearest
 MODES = ("picture", "wireframe", "stress")
 THREADS = 2
 # Rings of skin around the sheet, so that the picture has no rim: how far out they stand and how much they move along.
-_RINGS = ((1.12, 0.9), (1.3, 0.6), (1.6, 0.25), (2.2, 0.0))
+_RINGS = ((1.12, 0.9), (1.3, 0.6), (1.6, 0.25), (2.2, 0.0), (4.0, 0.0))
 _CURVE = to_srgb(np.linspace(0, 1, 16384)).round().astype(np.uint8)
 _TURBO = cv2.applyColorMap(np.arange(256, dtype=np.uint8)[:, None], cv2.COLORMAP_TURBO)[:, 0, ::-1]
 
@@ -105,7 +105,10 @@ def _frames(motion, mouth, camera, look, times_s, frame_rate, mode, scalars, jaw
         time = times_s[number]
         during = None
         if half > 0 and mode == "picture":
-            during = _at(motion.time_s, motion.positions, time - half), _at(motion.time_s, motion.positions, time + half)
+            during = (
+                _at(motion.time_s, motion.positions, time - half),
+                _at(motion.time_s, motion.positions, time + half),
+            )
         state = None
         if motion.saliva is not None:
             state = motion.saliva.state[max(np.searchsorted(motion.time_s, time + 1e-9, side="right") - 1, 0)]
@@ -146,7 +149,13 @@ def _in_order(draw: Callable[[int], np.ndarray], count: int, threads: int) -> It
 
 
 def draw_mouth(
-    mouth: Mouth, positions: np.ndarray, camera: Camera | None = None, look: Look | None = None, *, mode="picture", **how
+    mouth: Mouth,
+    positions: np.ndarray,
+    camera: Camera | None = None,
+    look: Look | None = None,
+    *,
+    mode="picture",
+    **how,
 ) -> np.ndarray:
     """One picture of a mouth, (H, W, 3) uint8 RGB; for many of them use `render` or a `Stage`.
 
@@ -183,7 +192,7 @@ class Stage:
         if mode == "picture":
             texture = skin_texture(mouth, look, 1 / camera.px_per_m)
             self.texture = texture.values
-            places = texture.places(self.rest[:, 0], self.rest[:, 1])
+            places = texture.places(*self.flat.T)
         else:
             places = np.zeros((2, len(self.rest)))
         self.attributes = np.zeros((len(self.rest), 8), np.float32)
@@ -222,12 +231,13 @@ class Stage:
         rest = mouth.nodes[self.nodes]
         rim = number[_rim(mouth.outer)]  # in order around the sheet
         middle = rest[:, :2].mean(axis=0) * [0, 1]
-        rings, move, quads = [], [], []
+        rings, flat, move, quads = [], [], [], []
         before = rim
         for stretch, along in _RINGS:
             ring = np.empty((len(rim), 3))
             ring[:, :2] = middle + (rest[rim, :2] - middle) * stretch
-            ring[:, 2] = rest[rim, 2] + _beyond(ring[:, :2]) - _beyond(rest[rim, :2])
+            flat.append(ring[:, :2].copy())
+            ring[:] = _head(ring[:, :2], rest[rim])
             now = len(self.nodes) + sum(map(len, rings)) + np.arange(len(rim))
             quads.append(np.stack([before, now, np.roll(now, -1), np.roll(before, -1)], axis=1))
             rings.append(ring)
@@ -237,6 +247,7 @@ class Stage:
         self.ring_move = np.concatenate(move)[:, None]
         self.ring_rest = np.concatenate(rings) - self.ring_move * rest[self.rim]
         self.rest = np.concatenate([rest, *rings])
+        self.flat = np.concatenate([rest[:, :2], *flat])  # where the vertices lie in the texture
         quads = np.concatenate([skin, under, over, *quads])
         # diagonals mirror each other on both sides of the face
         left = self.rest[quads][:, :, 0].mean(axis=1) < 0
@@ -256,7 +267,7 @@ class Stage:
         light, skin = self.look.light, self.look.skin
         towards = np.asarray(light.direction, float)
         towards = towards / np.linalg.norm(towards)
-        half = towards + [0, 0, 1]
+        half = towards + np.array([0, 0, 1])
         half = half / max(np.linalg.norm(half), 1e-9)
         # light goes through skin and comes out again farther on, red the farthest
         wrap = 0.10 + 0.8 * light.softness * np.array([0.55, 0.38, 0.33]) + np.array([0.12, 0.02, 0.0])
@@ -275,7 +286,7 @@ class Stage:
         self.axes = np.ascontiguousarray(turn.T[:2]).astype(np.float32)
         self.inner_light = np.concatenate([self.light[:2] @ turn, self.light[2:4]]).astype(float)
         camera = self.camera
-        self.view = np.zeros((3, 7))
+        self.view = np.zeros((3, 6))
         self.view[:, :3] = turn.T
         self.view[:, 3] = turn.T @ [camera.centre_x_m, camera.centre_y_m, 0.0]
         self.view[0, 4], self.view[1, 4] = camera.px_per_m, camera.distance_m
@@ -311,7 +322,9 @@ class Stage:
         """
         state = np.full(len(self.mouth.saliva), BROKEN) if state is None else np.asarray(state)
         if state.shape != self.mouth.saliva.shape:
-            raise InputError(f"expected one state for each of {len(self.mouth.saliva)} saliva elements, got {state.shape}")
+            raise InputError(
+                f"expected one state for each of {len(self.mouth.saliva)} saliva elements, got {state.shape}"
+            )
         canvas = self._canvas()
         shown = shown_positions(self.mouth, positions)
         if self.mode == "wireframe":
@@ -325,6 +338,16 @@ class Stage:
             picture = self._developed(linear, frame)
         self._canvases.put(canvas)
         return picture
+
+    def cover(self, positions: np.ndarray, state: np.ndarray | None = None) -> np.ndarray:
+        """(H, W) float32, the exact share of every pixel through which one sees into the mouth; no effects, no blur."""
+        shown = shown_positions(self.mouth, positions)
+        state = np.full(len(self.mouth.saliva), BROKEN) if state is None else np.asarray(state)
+        canvas = self._canvas()
+        self._cover(canvas, self._edges(shown)[None], np.where(state == BROKEN, 0.0, 1.0))
+        hole = canvas["hole"].copy()
+        self._canvases.put(canvas)
+        return hole
 
     # ---- parts of a picture
 
@@ -349,7 +372,6 @@ class Stage:
             "linear": np.empty((*size, 3), np.float32),
             "normals": np.empty((len(self.rest), 3)),
             "attributes": self.attributes.copy(),
-            
         }
 
     def _vertices(self, shown: np.ndarray) -> np.ndarray:
@@ -364,38 +386,38 @@ class Stage:
         row = (camera.height_px - 1) / 2 - seen[..., 1] * scale
         return np.stack([row, (camera.width_px - 1) / 2 + seen[..., 0] * scale], axis=-1)
 
-    def _raster(self, canvas: dict, shown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Fill owner and bary; return seen points (V, 3) and places (V, 2)."""
+    def _raster(self, canvas: dict, shown: np.ndarray) -> np.ndarray:
+        """Fill owner, bary and normals; return the vertices' places (V, 2), px."""
         seen = self.camera.seen(self._vertices(shown))
         places = self._project(seen)
         raster.vertex_normals(seen, self.triangles, self.weight, canvas["normals"])
-        raster.draw_triangles(
-            places, seen[:, 2], self.triangles, canvas["nearest"], canvas["owner"], canvas["bary"]
-        )
-        return seen, places
+        raster.draw_triangles(places, seen[:, 2], self.triangles, canvas["nearest"], canvas["owner"], canvas["bary"])
+        return places
 
-    def _cover(self, canvas: dict, moments: list[np.ndarray], opacity: np.ndarray) -> tuple[int, int, int, int]:
-        """Fill hole and film with the mean over the lips' places at some moments; return the box that holds them."""
+    def _edges(self, shown: np.ndarray) -> np.ndarray:
+        """(4, S + 1, 3) of the lips' edges, m: upper outer, upper inner, lower outer, lower inner."""
+        mouth = self.mouth
+        return np.stack([shown[nodes] for nodes in (*mouth.upper.T, *mouth.lower.T)])
+
+    def _cover(self, canvas: dict, edges: np.ndarray, opacity: np.ndarray) -> tuple[int, int, int, int]:
+        """Fill hole and film: mean over places of the lips' edges (M, 4, S + 1, 3); return a box around them."""
         height, width = canvas["hole"].shape
-        mouth, camera = self.mouth, self.camera
-        roll = math.radians(camera.roll_deg)
+        roll = math.radians(self.camera.roll_deg)
         cos, sin = math.cos(roll), math.sin(roll)
         middle = (height - 1) / 2, (width - 1) / 2
         hole, film = canvas["cover"]
-        low, high = np.full(2, np.inf), np.full(2, -np.inf)
-        for shown in moments:
-            edges = np.stack(
-                [shown[mouth.upper[:, 0]], shown[mouth.upper[:, 1]], shown[mouth.lower[:, 0]], shown[mouth.lower[:, 1]]]
+        places = self.camera.project(edges)
+        low, high = places.min(axis=(0, 1, 2)), places.max(axis=(0, 1, 2))
+        y, x = places[..., 0] - middle[0], places[..., 1] - middle[1]
+        # turned back so that columns run along the lips, which do not fold
+        upright = np.stack([middle[0] + cos * y - sin * x, middle[1] + cos * x + sin * y], axis=-1)
+        upright[..., 1] = np.maximum.accumulate(upright[..., 1], axis=2)
+        ends = (upright[:, 0, :, 1] + upright[:, 2, :, 1]) / 2
+        breaks = np.sort(np.concatenate([upright[..., 1].reshape(len(edges), -1), ends], axis=1), axis=1)
+        for m in range(len(edges)):
+            raster.add_opening(
+                upright[m], ends[m], breaks[m], opacity, cos, sin, *middle, 1 / len(edges), canvas["cover"]
             )
-            places = camera.project(edges)
-            low, high = np.minimum(low, places.min(axis=(0, 1))), np.maximum(high, places.max(axis=(0, 1)))
-            y, x = places[..., 0] - middle[0], places[..., 1] - middle[1]
-            # turned back so that columns run along the lips
-            upright = np.stack([middle[0] + cos * y - sin * x, middle[1] + cos * x + sin * y], axis=-1)
-            upright[..., 1] = np.maximum.accumulate(upright[..., 1], axis=1)
-            ends = (upright[0, :, 1] + upright[2, :, 1]) / 2
-            breaks = np.sort(np.concatenate([upright[..., 1].ravel(), ends]))
-            raster.add_opening(upright, ends, breaks, opacity, cos, sin, *middle, 1 / len(moments), canvas["cover"])
         box = (
             max(int(low[0]) - 1, 0),
             min(int(high[0]) + 3, height),
@@ -419,8 +441,9 @@ class Stage:
 
     def _linear(self, canvas, shown, state, during, jaw) -> np.ndarray:
         mouth, sensor = self.mouth, self.look.sensor
-        seen, places = self._raster(canvas, shown)
-        velocity, moments, samples = np.zeros_like(places), [shown], 1
+        places = self._raster(canvas, shown)
+        velocity, samples = np.zeros_like(places), 1
+        edges = self._edges(shown)[None]
         if during is not None:
             begin, end = (shown_positions(mouth, p) for p in during)
             velocity = self._project(self.camera.seen(self._vertices(end)))
@@ -428,10 +451,11 @@ class Stage:
             farthest = float(np.abs(velocity).max())
             if farthest > 0.3:
                 samples = min(int(farthest) + 2, sensor.samples)
-                count = 1 if sensor.samples == 1 else min(2 * samples, 4 * sensor.samples)
-                moments = [begin + (s + 0.5) / count * (end - begin) for s in range(count)]
+                # the lips' edges take little work, so they have more places
+                share = (np.arange(2 * samples)[:, None, None, None] + 0.5) / (2 * samples)
+                edges = self._edges(begin) + share * (self._edges(end) - self._edges(begin))
         gap = np.linalg.norm(shown[mouth.upper[:, 0]] - shown[mouth.lower[:, 0]], axis=1)
-        box = self._cover(canvas, moments, self._opacity(state, gap))
+        box = self._cover(canvas, edges, self._opacity(state, gap))
         attributes = canvas["attributes"]
         attributes[:, :3] = canvas["normals"]
         closed = np.exp(-gap / 0.0008)
@@ -487,9 +511,7 @@ class Stage:
             linear = cv2.GaussianBlur(linear, (side, side), sensor.blur_px, borderType=cv2.BORDER_REPLICATE)
         picture = np.empty(linear.shape, np.uint8)
         seed = (self.look.seed * 1_000_003 + frame * 7919 + 17) % 2**63
-        shade.develop(
-            linear, self.gains, sensor.noise, sensor.read_noise, sensor.vignette, seed, _CURVE, picture
-        )
+        shade.develop(linear, self.gains, sensor.noise, sensor.read_noise, sensor.vignette, seed, _CURVE, picture)
         if sensor.jpeg is not None:
             _, data = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, sensor.jpeg])
             picture = np.ascontiguousarray(cv2.imdecode(data, cv2.IMREAD_COLOR)[..., ::-1])
@@ -512,7 +534,7 @@ class Stage:
         on = values[self.nodes] / (top or float(np.max(np.abs(values))) or 1.0)
         on = np.concatenate([on, on[self.rim]])
         gap = np.linalg.norm(shown[mouth.upper[:, 0]] - shown[mouth.lower[:, 0]], axis=1)
-        box = self._cover(canvas, [shown], self._opacity(state, gap))
+        box = self._cover(canvas, self._edges(shown)[None], self._opacity(state, gap))
         tissue, owner = canvas["tissue"], canvas["owner"]
         tissue[:] = self.backdrop[:, None]
         t = self.triangles[np.maximum(owner, 0)]
@@ -525,9 +547,7 @@ class Stage:
         canvas["moved"][:] = 0
         canvas["inside"][:] = to_linear((25, 20, 22))
         if box[1] > box[0]:
-            shade.fill_between(
-                owner, canvas["hole"], canvas["film"], box, tissue, canvas["moved"], canvas["far"]
-            )
+            shade.fill_between(owner, canvas["hole"], canvas["film"], box, tissue, canvas["moved"], canvas["far"])
         film = to_linear((200, 215, 235)).astype(np.float32)
         shade.compose(tissue, canvas["inside"], canvas["hole"], canvas["film"], film, box)
         return tissue
@@ -545,13 +565,21 @@ class Stage:
         return picture
 
 
-def _beyond(places: np.ndarray) -> np.ndarray:
-    """Depth, m, of the head around the sheet at x, y: round cheeks, and the throat behind the chin."""
-    x, y = places.T
-    round_x = np.minimum(np.abs(x), 0.085)
-    z = -(round_x**2) / 0.150 - 1.2 * np.maximum(np.abs(x) - 0.085, 0)
-    z = z + 0.12 * np.clip(y - 0.04, 0, 0.03)
-    return z - 1.25 * np.clip(-0.055 - y, 0, 0.03) - 0.1 * np.maximum(-0.085 - y, 0)
+def _head(flat: np.ndarray, rim: np.ndarray) -> np.ndarray:
+    """(n, 3) of the head around the sheet, m, where its skin laid flat reaches to x, y (n, 2) out from rim (n, 3).
+
+    It turns away at the sides within a centimetre and goes on as throat behind the chin.
+    """
+    x, y = flat.T
+    side, low, high = np.abs(rim[:, 0]).max(), rim[:, 1].min(), rim[:, 1].max()
+    out = np.maximum(np.abs(x) - side, 0)
+    head = np.stack(
+        [np.sign(x) * (np.minimum(np.abs(x), side) + 0.010 * (1 - np.exp(-out / 0.010))), y, rim[:, 2]], axis=1
+    )
+    head[:, 2] -= (np.minimum(np.abs(x), side) ** 2 - rim[:, 0] ** 2) / 0.150 + 1.3 * out
+    head[:, 2] += 0.12 * np.clip(y - high, 0, 0.03)
+    head[:, 2] -= 1.25 * np.clip(low - y, 0, 0.03) + 0.1 * np.maximum(low - 0.03 - y, 0)
+    return head
 
 
 def _rim(quads: np.ndarray) -> np.ndarray:
@@ -594,8 +622,9 @@ def _check(mode: str, mouth: Mouth, positions: np.ndarray, scalars, times: int) 
     if not np.isfinite(positions).all():
         raise InputError("expected finite positions, got NaN or infinite ones; draw the times before the run failed")
     if scalars is not None and (
-        np.ndim(scalars) != 2 or np.shape(scalars)[0] != times or np.shape(scalars)[1] not in
-        (len(mouth.nodes), len(mouth.elements))
+        np.ndim(scalars) != 2
+        or np.shape(scalars)[0] != times
+        or np.shape(scalars)[1] not in (len(mouth.nodes), len(mouth.elements))
     ):
         raise InputError(
             f"expected scalars at {times} times for {len(mouth.elements)} elements or {len(mouth.nodes)} nodes, "
