@@ -14,7 +14,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from simulator.elements import CORNERS, hexahedron_gradients
+from simulator.elements import CORNERS
 from simulator.errors import InputError
 from simulator.wording import choices, nearest
 
@@ -238,11 +238,20 @@ def corner_quality(nodes: np.ndarray, elements: np.ndarray) -> np.ndarray:
     A layer extruded along z passes through itself nowhere, on either surface, if all are above 0.
     """
     lowest = np.full(len(elements), np.inf)
-    for corner in CORNERS:
-        edges = np.einsum("ai,eaj->eij", hexahedron_gradients(corner), nodes[elements])
-        lengths = np.linalg.norm(edges, axis=2).prod(axis=1)
-        lowest = np.minimum(lowest, np.linalg.det(edges) / np.maximum(lengths, 1e-300))
+    X = nodes.T[:, elements]
+    for corner in range(8):
+        # The corners at the other ends of the edges along xi, eta and zeta.
+        (a, b, c), signs = _NEIGHBOURS[corner], -CORNERS[corner]
+        u, v, w = ((X[:, :, end] - X[:, :, corner]) * sign for end, sign in zip((a, b, c), signs, strict=True))
+        volume = (
+            u[0] * (v[1] * w[2] - v[2] * w[1]) + u[1] * (v[2] * w[0] - v[0] * w[2]) + u[2] * (v[0] * w[1] - v[1] * w[0])
+        )
+        lengths = np.sqrt((u * u).sum(axis=0) * (v * v).sum(axis=0) * (w * w).sum(axis=0))
+        lowest = np.minimum(lowest, volume / np.maximum(lengths, 1e-300))
     return lowest
+
+
+_NEIGHBOURS = ((1, 3, 4), (0, 2, 5), (3, 1, 6), (2, 0, 7), (5, 7, 0), (4, 6, 1), (7, 5, 2), (6, 4, 3))
 
 
 def _check_elements(nodes: np.ndarray, elements: np.ndarray) -> None:
