@@ -14,6 +14,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from simulator.elements import CORNERS
 from simulator.errors import InputError
 from simulator.wording import choices, nearest
 
@@ -109,7 +110,7 @@ def mouth_mesh(shape: MouthShape | None = None, resolution: str = "medium") -> M
 
     Raises
     ------
-    InputError : unknown resolution, or lengths that do not make a face
+    InputError : unknown resolution, or lengths that do not make a face, each alone or together
     """
     shape = shape or MouthShape()
     _check(shape)
@@ -130,9 +131,11 @@ def mouth_mesh(shape: MouthShape | None = None, resolution: str = "medium") -> M
     group[(row == rows).ravel() & (height < CORNER_M)] = CORNERS
     group[in_line] = SALIVA
     edge = rows * per_row + beside + np.arange(across + 1)
+    nodes, elements = np.concatenate([inner, outer]), np.concatenate([faces, faces + count], axis=1)
+    _check_elements(nodes, elements)
     return Mouth(
-        nodes=np.concatenate([inner, outer]),
-        elements=np.concatenate([faces, faces + count], axis=1),
+        nodes=nodes,
+        elements=elements,
         group=group,
         saliva=np.flatnonzero(in_line),
         upper=np.stack([count + edge + per_row, edge + per_row], axis=1),
@@ -227,6 +230,43 @@ def _lip_profile(d: np.ndarray) -> np.ndarray:
 def _step(value: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     t = np.clip((value - low) / (high - low), 0, 1)
     return t * t * (3 - 2 * t)
+
+
+FLATTEST = 0.1  # corner quality of an element, below which a geometry is refused
+
+
+def corner_quality(nodes: np.ndarray, elements: np.ndarray) -> np.ndarray:
+    """(E,) the lowest corner Jacobian over the lengths of its three edges: 1 in a box, 0 where flat, below 0 inverted.
+
+    A layer extruded along z passes through itself nowhere, on either surface, if all are above 0.
+    """
+    lowest = np.full(len(elements), np.inf)
+    X = nodes.T[:, elements]
+    for corner in range(8):
+        # The corners at the other ends of the edges along xi, eta and zeta.
+        (a, b, c), signs = _NEIGHBOURS[corner], -CORNERS[corner]
+        u, v, w = ((X[:, :, end] - X[:, :, corner]) * sign for end, sign in zip((a, b, c), signs, strict=True))
+        volume = (
+            u[0] * (v[1] * w[2] - v[2] * w[1]) + u[1] * (v[2] * w[0] - v[0] * w[2]) + u[2] * (v[0] * w[1] - v[1] * w[0])
+        )
+        lengths = np.sqrt((u * u).sum(axis=0) * (v * v).sum(axis=0) * (w * w).sum(axis=0))
+        lowest = np.minimum(lowest, volume / np.maximum(lengths, 1e-300))
+    return lowest
+
+
+_NEIGHBOURS = ((1, 3, 4), (0, 2, 5), (3, 1, 6), (2, 0, 7), (5, 7, 0), (4, 6, 1), (7, 5, 2), (6, 4, 3))
+
+
+def _check_elements(nodes: np.ndarray, elements: np.ndarray) -> None:
+    quality = corner_quality(nodes, elements)
+    worst = int(np.argmin(quality))
+    if quality[worst] < FLATTEST:
+        x, y, _ = nodes[elements[worst]].mean(axis=0) * 1e3
+        raise InputError(
+            f"impossible geometry: expected elements with corner Jacobians of {FLATTEST} or more, got "
+            f"{quality[worst]:.2g} at x = {x:.1f}, y = {y:.1f} mm; let the lips and the chin stand out less, or make "
+            "the lips higher"
+        )
 
 
 def _check(shape: MouthShape) -> None:
