@@ -37,7 +37,7 @@ FLAGS = [
     "--disable-sync",
     "--hide-scrollbars",
     "--window-size=640,560",
-    "--virtual-time-budget=8000",
+    "--virtual-time-budget=2000",
 ]
 WEBGL = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 TITLE = 'Slow </script> & "opening" {{clip}}'
