@@ -11,6 +11,7 @@ import inspect
 import math
 import re
 import sys
+import textwrap
 import tomllib
 import types
 import typing
@@ -196,21 +197,23 @@ def to_toml(settings: object) -> str:
 
 def _lines(settings: object, path: str) -> Iterator[str]:
     about = descriptions(type(settings))
-    inner = []
+    inner, above = [], ""
     for field in dataclasses.fields(settings):
         value = getattr(settings, field.name)
         tables = isinstance(value, tuple) and value and all(dataclasses.is_dataclass(one) for one in value)
         if tables or dataclasses.is_dataclass(value):
             inner.append((field.name, value))
         elif value is not None and not (value == () and field.default == ()):
-            yield from _line(field.name, value, about.get(field.name, ""))
+            comment = about.get(field.name, "")
+            lines = list(_line(field.name, value, comment))
+            yield from lines[-1:] if comment and above == comment else lines  # said once of fields described together
+            above = comment if len(lines) > 1 else ""
     for name, value in inner:
         below = f"{path}.{name}" if path else name
         many = isinstance(value, tuple)
         for one in value if many else (value,):
             yield ""
-            if about.get(name):
-                yield f"# {about[name]}"
+            yield from _above(about.get(name, ""))
             yield f"[[{below}]]" if many else f"[{below}]"
             yield from _lines(one, below)
 
@@ -223,10 +226,14 @@ def _line(name: str, value: object, comment: str) -> Iterator[str]:
     if not comment:
         yield text
     elif "\n" in text or len(text) + len(comment) + 4 > _LINE:
-        yield f"# {comment}"
+        yield from _above(comment)
         yield text
     else:
         yield f"{text}  # {comment}"
+
+
+def _above(comment: str) -> Iterator[str]:
+    yield from (f"# {line}" for line in textwrap.wrap(comment, _LINE - 2))
 
 
 def _written(value: object) -> str:
