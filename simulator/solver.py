@@ -16,11 +16,11 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from simulator import assembly, checkpoint, kernels, timestep
+from simulator import assembly, checkpoint, film, kernels, moisture, timestep
 from simulator.errors import InputError, Interrupted
 from simulator.interruption import deferred_signals
 from simulator.model import Model
-from simulator.motion import ENERGIES, Motion, Stop
+from simulator.motion import ENERGIES, Motion, SalivaRecord, Stop
 from simulator.partition import Partition, partition
 from simulator.stability import check_supports, diagnose
 from simulator.threads import ThreadChoice
@@ -112,6 +112,7 @@ class _State:
     arrays : nodal records and loads' memories, in storage order
     dt, base_s, step : the present time is base_s + step dt
     frames : saved positions; time_s, energies : rows of the result; energies lag one step behind their state
+    glue : (S, 4) state, stretch, moisture and Z of the saliva at each saved state
     velocities : saved velocities where asked for; until the energies of the last state are known, its mean velocity
         over the step before
     """
@@ -122,11 +123,12 @@ class _State:
     step: int = 0
     steps: int = 0
     next_output: int = 0
-    ledger: np.ndarray = field(default_factory=lambda: np.append(np.zeros(kernels.LEDGER - 1), 1.0))
+    ledger: np.ndarray = field(default_factory=kernels.LEDGER.copy)
     time_s: list = field(default_factory=list)
     frames: list = field(default_factory=list)
     energies: list = field(default_factory=list)
     velocities: list = field(default_factory=list)
+    glue: list = field(default_factory=list)
 
     def copy(self) -> _State:
         values = {one.name: getattr(self, one.name) for one in fields(self)}
@@ -143,7 +145,7 @@ class _State:
         """The state that `to_arrays` gave."""
         arrays = {name.removeprefix("array_"): values[name] for name in values if name.startswith("array_")}
         numbers = {name: values[name].item() for name in ("dt", "base_s", "step", "steps", "next_output")}
-        lists = {name: list(values[name]) for name in ("time_s", "frames", "energies", "velocities")}
+        lists = {name: list(values[name]) for name in ("time_s", "frames", "energies", "velocities", "glue")}
         return _State(arrays, ledger=values["ledger"], **numbers, **lists)
 
 
@@ -163,6 +165,8 @@ class _Run:
         self.limit = min(self.safety * self.stable_dt, model.duration_s) if self.auto else model.dt_s
         self.times = _output_times(model, times, self.limit)
         self.loads, self.curves, self.gravities = assembly.load_arrays(model, self.parts, self.mass)
+        self.film, self.film_order = assembly.film_arrays(model, self.parts)
+        self.events = [] if model.saliva is None else sorted({lick.time_s for lick in model.saliva.licks})
         self.energy_arrays = assembly.energy_arrays(model)
         volume = assembly.geometry.volumes(model.nodes, model.elements)
         modulus = np.array([material.wave_modulus_pa for material in model.materials])[model.material_of]
@@ -202,6 +206,7 @@ class _Run:
             "history": self.elements.history,
             "reaction": self.loads.reaction,
             "face_force": self.loads.face_force,
+            "film": self.film.memory,
         }
 
     def load_state(self, state: _State) -> None:
@@ -295,6 +300,7 @@ class _Run:
         steps = BLOCK - state.step % BLOCK
         # After the last saved state one more step makes its energies known.
         steps = min(steps, self._output_step() - state.step) if state.next_output < len(self.times) else 1
+        steps = self._wet(steps)
         if self.velocities and len(state.energies) < len(state.time_s):
             steps = 1  # the next increment completes the velocity of the saved state
         count, steps = choice.next(steps)
@@ -316,7 +322,7 @@ class _Run:
 
         def run(thread):
             return kernels.advance(
-                self.elements, self.nodes, self.loads, curves, gravity, column, steps, thread, count, *common
+                self.elements, self.nodes, self.loads, self.film, curves, gravity, column, steps, thread, count, *common
             )
 
         others = [pool.submit(run, thread) for thread in range(1, count)]
@@ -346,6 +352,34 @@ class _Run:
             self._table, self._table_of = (factors, gravity), block
         return self._table
 
+    # -- saliva --
+
+    def _wet(self, steps: int) -> int:
+        """Set the saliva's moisture for a stretch of steps from now on; return how many until the next lick."""
+        saliva = self.model.saliva
+        if saliva is None:
+            return steps
+        self.film.moisture[:] = moisture.wetted(
+            saliva.moisture, saliva.drying_per_s, saliva.licks, self.time + self.state.dt / 2
+        )[self.film_order]
+        ahead = [time for time in self.events if time > self.time + self.state.dt / 2]
+        return min(steps, max(1, round((ahead[0] - self.time) / self.state.dt))) if ahead else steps
+
+    def _glue(self) -> np.ndarray:
+        """(S, 4) state, stretch, moisture and Z of the saliva, as they were when its forces were last worked out."""
+        memory = self.film.memory
+        rows = np.empty((len(memory), 4))
+        rows[self.film_order] = np.stack(
+            [
+                memory[:, film.STATE],
+                np.sqrt(memory[:, film.Q_NOW]),
+                memory[:, film.MOISTURE_NOW],
+                memory[:, film.Z_NOW],
+            ],
+            axis=1,
+        )
+        return rows
+
     # -- saved states --
 
     def _stored(self, name: str) -> np.ndarray:
@@ -362,6 +396,7 @@ class _Run:
         u = self._stored("u")
         state.time_s.append(self.time)
         state.frames.append(self.model.nodes + u)
+        state.glue.append(self._glue())
         if self.velocities:
             state.velocities.append(self._stored("du") / state.dt)
         if state.step == 0 and state.base_s == 0:
@@ -380,12 +415,13 @@ class _Run:
             logged[kernels.LOG_DAMPING],
             logged[kernels.LOG_EXTERNAL],
         )
-        residual = kinetic + elastic + hourglass + damping - external
+        saliva = logged[kernels.LOG_SALIVA]
+        residual = kinetic + elastic + hourglass + damping + saliva - external
         most = max(state.ledger[2], self.floor)
         tolerance = self.residual_tolerance * most + self.floor
         if self._conservative and not abs(residual) <= tolerance:
             return kernels.ENERGY_GREW
-        state.energies.append((kinetic, elastic, hourglass, damping, external, residual))
+        state.energies.append((kinetic, elastic, hourglass, damping, saliva, external, residual))
         if self.velocities:
             state.velocities[-1] = (state.velocities[-1] + self._stored("du") / state.dt) / 2
         if self.auto:
@@ -431,7 +467,15 @@ class _Run:
                 "restarts": self.restarts,
             },
             velocities=np.array(state.velocities[:known]).reshape(shape) if self.velocities else None,
+            saliva=self._record(known),
         )
+
+    def _record(self, known: int) -> SalivaRecord | None:
+        if self.model.saliva is None:
+            return None
+        elements = self.model.saliva.elements
+        rows = np.array(self.state.glue[:known]).reshape(known, len(elements), 4)
+        return SalivaRecord(elements, rows[..., 0].astype(np.uint8), *(rows[..., i].copy() for i in (1, 2, 3)))
 
 
 def _output_times(model: Model, times: Sequence[float] | None, dt: float) -> np.ndarray:

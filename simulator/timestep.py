@@ -12,6 +12,7 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import eigh_tridiagonal
 
+from simulator import assembly
 from simulator import elements as geometry
 from simulator.model import Model
 
@@ -62,6 +63,10 @@ def _stiffness(model: Model):
     n_elements, n = elements.shape
     shear, bulk, wave = _moduli(model)
     V = geometry.volumes(nodes, elements)
+    film = None
+    if model.saliva is not None:
+        film = _film_stiffness(model, shear, wave)
+        V[model.saliva.elements] = 0.0
     B = geometry.shape_gradients(nodes, elements)
     rows = np.arange(3 * n_elements + 1) * n
     # (3E, N): row 3e + j takes the derivative along X_j in element e.
@@ -73,6 +78,8 @@ def _stiffness(model: Model):
     if model.element_type == "H8":
         gamma = geometry.hourglass_vectors(nodes, elements).transpose(0, 2, 1)
         k = np.repeat(geometry.hourglass_stiffness(nodes, elements, wave, model.hourglass), 4)[:, None]
+        if model.saliva is not None:
+            k.reshape(-1, 4)[model.saliva.elements] = 0.0
         modes = sparse.csr_array(
             (gamma.ravel(), np.repeat(elements, 4, axis=0).ravel(), np.arange(4 * n_elements + 1) * n),
             shape=(4 * n_elements, len(nodes)),
@@ -89,9 +96,30 @@ def _stiffness(model: Model):
         f = gradient_T @ (V[:, None, None] * stress).reshape(-1, 3)
         if model.element_type == "H8":
             f += modes_T @ (k * (modes @ u))
+        if film is not None:
+            f.ravel()[:] += film @ v
         return f.ravel()
 
     return apply
+
+
+def _film_stiffness(model: Model, shear: np.ndarray, wave: np.ndarray) -> sparse.csr_array:
+    """(3N, 3N): the struts of the saliva, K + 4/3 G across the film and G along it times area over length."""
+    lower, upper, length, _, normal, area = assembly.film_struts(model)
+    count = len(lower)
+    G, E = shear[model.saliva.elements], wave[model.saliva.elements]
+    across = normal[:, :, None] * normal[:, None, :]
+    law = G[:, None, None] * (np.eye(3) - across) + E[:, None, None] * across
+    blocks = (law[:, None] * (area[:, None] / length)[:, :, None, None]).reshape(4 * count, 3, 3)
+    ends = np.stack([lower.ravel(), upper.ravel()], axis=1)
+    place = 3 * ends[:, :, None] + np.arange(3)  # (4S, 2, 3)
+    sign = np.array([[1.0, -1.0], [-1.0, 1.0]])
+    shape = (4 * count, 2, 3, 2, 3)
+    values = sign[None, :, None, :, None] * blocks[:, None, :, None, :]
+    rows = np.broadcast_to(place[:, :, :, None, None], shape)
+    columns = np.broadcast_to(place[:, None, None, :, :], shape)
+    size = (3 * len(model.nodes),) * 2
+    return sparse.coo_array((values.ravel(), (rows.ravel(), columns.ravel())), shape=size).tocsr()
 
 
 def _averaging(model: Model) -> sparse.csr_array:
