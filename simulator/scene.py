@@ -26,7 +26,8 @@ from simulator.materials import NeoHookean
 from simulator.model import Load, Model
 from simulator.moisture import FULL_LEVEL, Lick, strength_of_level
 from simulator.mouth import SALIVA, Mouth, MouthShape, mouth_mesh
-from simulator.muscles import JAW, MUSCLES, Activation, muscle_loads, skull
+from simulator.muscles import JAW, MUSCLES, Activation, Jaw, jaw, muscle_loads, skull
+from simulator.obj_mesh import read_mouth_obj
 from simulator.saliva import DECAY_S, RAMP_S, Saliva
 from simulator.settings import from_table, parse_toml, read_toml
 from simulator.volumes import Box, Ellipsoid, read_closed_surface
@@ -50,6 +51,7 @@ class Face:
     preset : a built-in face
     resolution : low, medium or high: 870, 3,422 or 13,680 elements
     obj : OBJ file of quads with the groups skin, lips and saliva, used instead of the preset
+    obj_units : of that file: m, cm or mm
     width_m : mouth, from corner to corner
     upper_lip_m, lower_lip_m : height of the red of that lip at the middle
     protrusion_m : how far the lips stand out
@@ -67,6 +69,7 @@ class Face:
     preset: str = "average"
     resolution: str = "medium"
     obj: str | None = None
+    obj_units: str = "m"
     width_m: float | None = None
     upper_lip_m: float | None = None
     lower_lip_m: float | None = None
@@ -98,7 +101,7 @@ class Face:
         if set(own) - {"thickness_m"}:
             name = next(name for name in own if name != "thickness_m")
             raise InputError(f"expected lengths of a face without obj, got {name} beside obj = '{self.obj}'")
-        return _imported(self.obj, own.get("thickness_m", MouthShape().thickness_m))
+        return read_mouth_obj(self.obj, own.get("thickness_m", MouthShape().thickness_m), self.obj_units)
 
     def _own_lengths(self) -> dict[str, float]:
         lengths = {one.name: getattr(self, one.name) for one in dataclasses.fields(MouthShape)}
@@ -433,6 +436,10 @@ class Scene:
         actions = tuple(_spelled_out(action) for action in self.muscle)
         return dataclasses.replace(self, face=self.face.spelled_out(), muscle=actions)
 
+    def jaw(self, mouth: Mouth) -> Jaw:
+        """The movement of the lower teeth."""
+        return jaw(mouth, [_activation(action) for action in self.muscle])
+
     def model(self) -> tuple[Mouth, Model]:
         """The mesh, and what is to be solved.
 
@@ -626,11 +633,6 @@ def _check_part(part) -> None:
 def _preset(name: str) -> MouthShape:
     """Lengths of a built-in face."""
     return face(name)
-
-
-def _imported(path: str, thickness_m: float) -> Mouth:
-    """The mesh of an OBJ file."""
-    raise InputError("not yet")
 
 
 def _activation(action: Action) -> Activation:
