@@ -14,6 +14,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from simulator.elements import CORNERS, hexahedron_gradients
 from simulator.errors import InputError
 from simulator.wording import choices, nearest
 
@@ -108,7 +109,7 @@ def mouth_mesh(shape: MouthShape | None = None, resolution: str = "medium") -> M
 
     Raises
     ------
-    InputError : unknown resolution, or lengths that do not make a face
+    InputError : unknown resolution, or lengths that do not make a face, each alone or together
     """
     shape = shape or MouthShape()
     _check(shape)
@@ -127,9 +128,11 @@ def mouth_mesh(shape: MouthShape | None = None, resolution: str = "medium") -> M
     group = np.where(border[faces].mean(axis=1) > 0, LIPS, SKIN)
     group[in_line] = SALIVA
     edge = rows * per_row + beside + np.arange(across + 1)
+    nodes, elements = np.concatenate([inner, outer]), np.concatenate([faces, faces + count], axis=1)
+    _check_elements(nodes, elements)
     return Mouth(
-        nodes=np.concatenate([inner, outer]),
-        elements=np.concatenate([faces, faces + count], axis=1),
+        nodes=nodes,
+        elements=elements,
         group=group,
         saliva=np.flatnonzero(in_line),
         upper=np.stack([count + edge + per_row, edge + per_row], axis=1),
@@ -224,6 +227,34 @@ def _lip_profile(d: np.ndarray) -> np.ndarray:
 def _step(value: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     t = np.clip((value - low) / (high - low), 0, 1)
     return t * t * (3 - 2 * t)
+
+
+FLATTEST = 0.1  # corner quality of an element, below which a geometry is refused
+
+
+def corner_quality(nodes: np.ndarray, elements: np.ndarray) -> np.ndarray:
+    """(E,) the lowest corner Jacobian over the lengths of its three edges: 1 in a box, 0 where flat, below 0 inverted.
+
+    A layer extruded along z passes through itself nowhere, on either surface, if all are above 0.
+    """
+    lowest = np.full(len(elements), np.inf)
+    for corner in CORNERS:
+        edges = np.einsum("ai,eaj->eij", hexahedron_gradients(corner), nodes[elements])
+        lengths = np.linalg.norm(edges, axis=2).prod(axis=1)
+        lowest = np.minimum(lowest, np.linalg.det(edges) / np.maximum(lengths, 1e-300))
+    return lowest
+
+
+def _check_elements(nodes: np.ndarray, elements: np.ndarray) -> None:
+    quality = corner_quality(nodes, elements)
+    worst = int(np.argmin(quality))
+    if quality[worst] < FLATTEST:
+        x, y, _ = nodes[elements[worst]].mean(axis=0) * 1e3
+        raise InputError(
+            f"impossible geometry: expected elements with corner Jacobians of {FLATTEST} or more, got "
+            f"{quality[worst]:.2g} at x = {x:.1f}, y = {y:.1f} mm; let the lips and the chin stand out less, or make "
+            "the lips higher"
+        )
 
 
 def _check(shape: MouthShape) -> None:
