@@ -151,6 +151,7 @@ def write_vtk(
     model: Model,
     path: str | Path,
     tick: Callable[[Sequence], Sequence] = lambda frames: frames,
+    cell_data: Mapping[str, np.ndarray] | None = None,
 ) -> list[Path]:
     """Write a motion for ParaView: a collection `path` (.pvd) with the time of each state, and its states (.vtu).
 
@@ -163,6 +164,7 @@ def write_vtk(
     motion, model : the result of a run and what was run
     path : the collection, ending .pvd
     tick : wraps the frame numbers, for a progress bar
+    cell_data : more values in the elements, name -> (T, E) or (T, E, K)
 
     Returns
     -------
@@ -170,11 +172,34 @@ def write_vtk(
 
     Raises
     ------
-    InputError : a place that cannot be written to
+    InputError : shapes that do not fit, or a place that cannot be written to
+    """
+    material = np.broadcast_to(model.material_of, (len(motion.time_s), len(model.elements)))
+    cells = {"material": material, **(cell_data or {})}
+    return write_states(path, motion, model.elements, model.element_type, cells, tick)
+
+
+def write_states(
+    path: str | Path,
+    motion: Motion,
+    elements: np.ndarray,
+    element_type: str,
+    cell_data: Mapping[str, np.ndarray],
+    tick: Callable[[Sequence], Sequence] = lambda frames: frames,
+) -> list[Path]:
+    """Write a motion of any elements for ParaView; as `write_vtk`, with all cell data given: name -> (T, E) or
+    (T, E, K).
+
+    Raises
+    ------
+    InputError : shapes that do not fit, or a place that cannot be written to
     """
     path = Path(path)
     folder = path.with_name(f"{path.stem}_vtu")
     files = [folder / f"{path.stem}_{frame:05d}.vtu" for frame in range(len(motion.time_s))]
+    for name, values in cell_data.items():
+        if len(values) != len(files):
+            raise InputError(f"expected {len(files)} states of cell data '{name}', got {len(values)}")
     for frame in tick(range(len(files))):
         point_data = {"displacement": motion.positions[frame] - motion.nodes}
         if motion.velocities is not None:
@@ -182,10 +207,10 @@ def write_vtk(
         write_vtu(
             files[frame],
             motion.positions[frame],
-            model.elements,
-            model.element_type,
+            elements,
+            element_type,
             point_data,
-            {"material": model.material_of},
+            {name: values[frame] for name, values in cell_data.items()},
             motion.time_s[frame],
         )
     write_pvd(path, files, motion.time_s)
