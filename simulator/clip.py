@@ -13,7 +13,7 @@ import os
 import shutil
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -130,11 +130,10 @@ def make_clip(
                     _export(scene, mouth, motion, work, stem, exports, _ticker("exports", progress))
             _write_provenance(mouth, motion, work, stem, facts)
             files = _move(work, folder)
-        except BaseException as error:
-            with suppress(InputError):
-                kept = keep(motion)
-                if isinstance(error, InputError | OSError):
-                    raise InputError(f"{_reason(error)}; the motion is kept in {kept[0]}") from None
+        except (InputError, OSError) as error:
+            raise InputError(f"{_reason(error)}; the motion is kept in {keep(motion)[0]}") from None
+        except BaseException:
+            keep(motion)
             raise
         for ending in (".h5", ".energy.csv"):
             (folder / f"{stem}{UNFINISHED}{ending}").unlink(missing_ok=True)

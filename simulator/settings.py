@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
-import math
 import re
 import sys
 import textwrap
@@ -145,7 +144,7 @@ def _value(kind, value, where: str, path: str, place: str, key: str):
 def _items(kind, value, where: str, path: str, place: str, key: str) -> tuple:
     kinds = typing.get_args(kind)
     many = len(kinds) == 2 and kinds[1] is Ellipsis
-    if not isinstance(value, list) or not (many or len(value) == len(kinds)):
+    if not isinstance(value, list | tuple) or not (many or len(value) == len(kinds)):
         raise InputError(f"{place}: expected {key} as {_words(kind)}, got {_shown(value)}")
     if many and dataclasses.is_dataclass(kinds[0]):
         return tuple(_build(kinds[0], one, where, path, i) for i, one in enumerate(value, start=1))
@@ -196,7 +195,7 @@ def to_toml(settings: object) -> str:
 
 
 def _lines(settings: object, path: str) -> Iterator[str]:
-    about = descriptions(type(settings))
+    about, hints = descriptions(type(settings)), typing.get_type_hints(type(settings))
     inner, above = [], ""
     for field in dataclasses.fields(settings):
         value = getattr(settings, field.name)
@@ -205,6 +204,8 @@ def _lines(settings: object, path: str) -> Iterator[str]:
             inner.append((field.name, value))
         elif value is not None and not (value == () and field.default == ()):
             comment = about.get(field.name, "")
+            place = _place(type(settings).__name__, path, None)
+            value = _value(hints[field.name], value, "", "", place, field.name)  # as it would be read
             lines = list(_line(field.name, value, comment))
             yield from lines[-1:] if comment and above == comment else lines  # said once of fields described together
             above = comment if len(lines) > 1 else ""
@@ -240,14 +241,10 @@ def _written(value: object) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, int | float):
-        if not math.isfinite(value):
-            raise InputError(f"expected finite numbers to write, got {value}")
         return repr(value)
     if isinstance(value, str):
         return _quoted(value)
-    if isinstance(value, tuple | list):
-        return "[" + ", ".join(_written(one) for one in value) + "]"
-    raise InputError(f"expected a number, text or list to write as TOML, got {type(value).__name__}")
+    return "[" + ", ".join(_written(one) for one in value) + "]"
 
 
 def _quoted(text: str) -> str:

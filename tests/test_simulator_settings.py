@@ -30,6 +30,11 @@ class Lamp:
 
 
 @dataclass(frozen=True)
+class Torch:
+    power: float
+
+
+@dataclass(frozen=True)
 class Shelf:
     """A shelf.
 
@@ -176,5 +181,12 @@ def test_files_that_are_no_settings(tmp_path):
 
 
 def test_only_what_toml_can_hold_is_written():
-    with pytest.raises(InputError, match="expected finite numbers to write, got nan"):
+    with pytest.raises(InputError, match="Lamp: expected power as a finite number, got nan"):
         to_toml(Lamp(float("nan")))
+    with pytest.raises(InputError, match=r"Torch, \[first\]: expected power as a number, got 'bright'"):
+        to_toml(Room(first=Torch("bright")))
+
+
+def test_whole_numbers_are_written_as_the_numbers_they_stand_for():
+    assert "power = 3.0 " in to_toml(Lamp(3)) and "colour = [1.0, 2.0, 3.0]" in to_toml(Lamp(3, (1, 2, 3)))
+    assert to_toml(Lamp(3)) == to_toml(from_table(Lamp, tomllib.loads(to_toml(Lamp(3))), "x"))
