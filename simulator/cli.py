@@ -139,6 +139,7 @@ def _jobs(arguments: argparse.Namespace) -> tuple[list[_Job], list[dict]]:
         if given and set(are_models.values()) == {kind == "scenes"}:
             raise InputError(
                 f"expected {kind} to go with --{given[0].replace('_', '-')}, got a {others}: {arguments.models[0]}"
+                + ("; use --export vtu" if given[0] == "vtu" else "")
             )
     jobs, failed = [], []
     for source in arguments.models:
