@@ -36,7 +36,7 @@ def teeth_table(lower: bool, seed: int) -> np.ndarray:
     own = rng.standard_normal((4, 2 * len(widths)))
     up = 1 if not lower else -1  # towards the gum
     corner = 0.0011 * np.clip((np.abs(u) - 0.55) / 0.45, 0, 1) ** 2.5
-    cusp = np.where(tooth == 2, 0.0009 * np.abs(u), 0.0)
+    cusp = np.where(tooth == 2, 0.0005 * np.abs(u), 0.0)
     edge = rise[tooth] + up * (corner + cusp) + 0.00015 * own[0][which] + 0.00012 * own[1][which] * u
     length = lengths[tooth] * (1 + 0.03 * own[2][which]) * (1 - 0.20 * np.abs(u) ** 3)
     gap_m = (1 - np.abs(u)) * widths[tooth] / 2

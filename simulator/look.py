@@ -34,9 +34,9 @@ _SKIN_RGB = (
     (220, 176, 150),
     (201, 152, 122),
     (172, 121, 90),
-    (134, 90, 65),
-    (97, 64, 48),
-    (66, 44, 36),
+    (141, 97, 70),
+    (110, 74, 55),
+    (82, 55, 42),
 )
 
 
@@ -74,7 +74,7 @@ class Skin:
     sheen: float = 0.35
     wetness: float = 0.5
     gloss: float = 0.5
-    seam: float = 0.7
+    seam: float = 0.85
     film: float = 0.85
     stubble: float = 0.0
     freckles: float = 0.0
@@ -128,8 +128,8 @@ class Light:
     """
 
     direction: tuple[float, float, float] = (-0.45, 0.55, 0.8)
-    strength: float = 0.8
-    ambient: float = 0.32
+    strength: float = 0.9
+    ambient: float = 0.36
     colour: Colour = (255, 247, 237)
     ambient_colour: Colour = (240, 245, 255)
     softness: float = 0.5
@@ -164,7 +164,7 @@ class Inside:
     tongue_colour: Colour = (196, 108, 108)
     cavity_colour: Colour = (66, 22, 22)
     upper_edge_m: float = -0.0028
-    lower_edge_m: float = -0.0040
+    lower_edge_m: float = -0.0022
     teeth_z_m: float = -0.008
     tongue_height_m: float = 0.0
     shadow: float = 0.6

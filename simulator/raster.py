@@ -69,15 +69,19 @@ def draw_triangles(
             y = row - y0
             u0 = (x2 * y + y2 * x0) * over
             v0 = -(x1 * y + y1 * x0) * over
+            reached = False
             for column in range(begin, end + 1):
                 u, v = u0 + du * column, v0 + dv * column
                 if u >= -1e-9 and v >= -1e-9 and u + v <= 1.0 + 1e-9:
+                    reached = True
                     z = z0 + u * z1 + v * z2
                     if z > nearest[row, column]:
                         nearest[row, column] = z
                         owner[row, column] = t
                         bary[row, column, 0] = u
                         bary[row, column, 1] = v
+                elif reached:
+                    break
 
 
 @njit(cache=True, nogil=True)

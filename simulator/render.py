@@ -198,7 +198,10 @@ class Stage:
         self.teeth = teeth_table(False, look.seed), teeth_table(True, look.seed)
         self.rows, self.tongue, self.colours = rows_of(inside), tongue_of(inside), colours_of(inside)
         self.shown = np.array([inside.upper_teeth, inside.lower_teeth, inside.tongue], float)
-        self.film_colour = (self.light[2] * 0.75 + self.light[3]) * look.skin.lip_linear * 1.05 + 0.10 * self.light[2]
+        fade = np.linspace(1.12, 0.8, camera.height_px)[:, None]
+        self.backdrop = (fade * to_linear(look.background)).astype(np.float32)
+        film = (self.light[2] * 0.6 + self.light[3]) * look.skin.lip_linear * 0.9 + 0.04 * self.light[2]
+        self.film_colour = film.astype(np.float32)
 
     def _build(self) -> None:
         """Vertices and triangles of skin, lips, the lips' inner faces and rings of skin around the sheet."""
@@ -238,10 +241,16 @@ class Stage:
         # diagonals mirror each other on both sides of the face
         left = self.rest[quads][:, :, 0].mean(axis=1) < 0
         quads[left] = np.roll(quads[left], 1, axis=1)
-        self.triangles = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]).astype(np.int32)
+        self.triangles = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]).astype(np.uint32)
         weight = np.ones(len(quads))
         weight[len(skin) : len(skin) + 2 * len(under)] = 0.35  # so the lips' edges are rounded, not cut
         self.weight = np.tile(weight, 2)
+        # triangles of skin alone: away from the red (the border is soft and wanders), the lips' edges and inner faces
+        border = np.concatenate([mouth.border_m[self.nodes], np.full(len(self.rest) - len(self.nodes), -1.0)])
+        border[np.concatenate([self.upper, self.lower, self.inner_edges])] = 1.0
+        # a coarse quad may hold red though its corners lie outside
+        width = np.ptp(self.rest[self.triangles, 0], axis=1)
+        self.plain = border[self.triangles].max(axis=1) < -0.003 - width
 
     def _light(self) -> None:
         light, skin = self.look.light, self.look.skin
@@ -326,7 +335,6 @@ class Stage:
             pass
         height, width = self.camera.height_px, self.camera.width_px
         size = (height, width)
-        rows = np.linspace(1.12, 0.8, height, dtype=np.float32)[:, None, None]
         return {
             "nearest": np.empty(size, np.float32),
             "owner": np.empty(size, np.int32),
@@ -341,7 +349,7 @@ class Stage:
             "linear": np.empty((*size, 3), np.float32),
             "normals": np.empty((len(self.rest), 3)),
             "attributes": self.attributes.copy(),
-            "backdrop": np.broadcast_to(rows * to_linear(self.look.background).astype(np.float32), (*size, 3)),
+            
         }
 
     def _vertices(self, shown: np.ndarray) -> np.ndarray:
@@ -430,17 +438,18 @@ class Stage:
         for vertices in (self.upper, self.lower, *np.split(self.inner_edges, 2)):
             attributes[vertices, shade.CLOSED] = closed
         tissue, moved = canvas["tissue"], canvas["moved"]
-        tissue[:] = canvas["backdrop"]
         shade.shade_tissue(
             canvas["owner"],
             canvas["bary"],
             self.triangles,
+            self.plain,
             attributes,
             velocity.astype(np.float32),
             self.texture,
             self.axes,
             self.light,
             self.finish,
+            self.backdrop,
             samples > 1,
             tissue,
             moved,
@@ -464,18 +473,12 @@ class Stage:
                 self.look.seed,
                 canvas["inside"],
             )
-        shade.compose(
-            tissue,
-            moved,
-            canvas["inside"],
-            canvas["hole"],
-            canvas["film"],
-            self.film_colour.astype(np.float32),
-            box,
-            samples,
-            canvas["linear"],
-        )
-        return canvas["linear"]
+        linear = tissue
+        if samples > 1:
+            linear = canvas["linear"]
+            shade.smear(tissue, moved, samples, linear)
+        shade.compose(linear, canvas["inside"], canvas["hole"], canvas["film"], self.film_colour, box)
+        return linear
 
     def _developed(self, linear: np.ndarray, frame: int) -> np.ndarray:
         sensor = self.look.sensor
@@ -511,7 +514,7 @@ class Stage:
         gap = np.linalg.norm(shown[mouth.upper[:, 0]] - shown[mouth.lower[:, 0]], axis=1)
         box = self._cover(canvas, [shown], self._opacity(state, gap))
         tissue, owner = canvas["tissue"], canvas["owner"]
-        tissue[:] = canvas["backdrop"]
+        tissue[:] = self.backdrop[:, None]
         t = self.triangles[np.maximum(owner, 0)]
         bary = canvas["bary"].astype(float)
         weights = np.stack([1 - bary.sum(axis=-1), bary[..., 0], bary[..., 1]], axis=-1)
@@ -526,10 +529,8 @@ class Stage:
                 owner, canvas["hole"], canvas["film"], box, tissue, canvas["moved"], canvas["far"]
             )
         film = to_linear((200, 215, 235)).astype(np.float32)
-        shade.compose(
-            tissue, canvas["moved"], canvas["inside"], canvas["hole"], canvas["film"], film, box, 1, canvas["linear"]
-        )
-        return canvas["linear"]
+        shade.compose(tissue, canvas["inside"], canvas["hole"], canvas["film"], film, box)
+        return tissue
 
     def _wireframe(self, shown: np.ndarray, state: np.ndarray) -> np.ndarray:
         """The mesh's outer edges on black: skin grey, lips red, intact saliva blue."""

@@ -17,16 +17,18 @@ NX, NY, NZ, TEX_X, TEX_Y, CLOSED, SHADE, WET = range(8)
 
 
 @njit(cache=True, nogil=True)
-def shade_tissue(owner, bary, triangles, attributes, velocity, texture, axes, light, finish, moves, tissue, moved):
+def shade_tissue(owner, bary, triangles, plain, attributes, velocity, texture, axes, light, finish, backdrop, moves, tissue, moved):
     """Colour every pixel that a triangle owns.
 
     owner (H, W), bary (H, W, 2) from `draw_triangles`; triangles (T, 3); attributes (V, 8), see NX and on
+    plain : (T,) whether a triangle is skin alone: neither lip nor near their line
     velocity : (V, 2) px moved while the shutter is open
     texture : (h, w, 8), see RED and on
     axes : (2, 3) the face's x and y axis in the camera's axes
     light : (6, 3) direction, half vector, colour, ambient colour, wrap of red, green and blue, seam's colour
     finish : sheen, wetness, gloss, seam; moves : whether to fill moved
-    tissue : (H, W, 3) is filled, as is moved (H, W, 2), px; other pixels are left
+    backdrop : (H, 3) light of what is behind
+    tissue : (H, W, 3) is filled, as is moved (H, W, 2), px
     """
     height, width = owner.shape
     # numbers of one size: a mixture with 64 bits costs a third of the time
@@ -48,10 +50,15 @@ def shade_tissue(owner, bary, triangles, attributes, velocity, texture, axes, li
     soft, hard = np.float32(0.6), np.float32(0.4)
     for row in range(height):
         for column in range(width):
-            t = owner[row, column]
-            if t < 0:
+            if owner[row, column] < 0:
+                tissue[row, column, 0] = backdrop[row, 0]
+                tissue[row, column, 1] = backdrop[row, 1]
+                tissue[row, column, 2] = backdrop[row, 2]
+                moved[row, column, 0] = zero
+                moved[row, column, 1] = zero
                 continue
-            i, j, k = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+            t = np.uint32(owner[row, column])
+            i, j, k = triangles[t, 0], triangles[t, 1], triangles[t, 2]  # unsigned: no look at negative indices
             u, v = bary[row, column, 0], bary[row, column, 1]
             w = one - u - v
             nx = w * attributes[i, NX] + u * attributes[j, NX] + v * attributes[k, NX]
@@ -59,28 +66,28 @@ def shade_tissue(owner, bary, triangles, attributes, velocity, texture, axes, li
             nz = w * attributes[i, NZ] + u * attributes[j, NZ] + v * attributes[k, NZ]
             tx = w * attributes[i, TEX_X] + u * attributes[j, TEX_X] + v * attributes[k, TEX_X]
             ty = w * attributes[i, TEX_Y] + u * attributes[j, TEX_Y] + v * attributes[k, TEX_Y]
-            closed = w * attributes[i, CLOSED] + u * attributes[j, CLOSED] + v * attributes[k, CLOSED]
-            body = w * attributes[i, SHADE] + u * attributes[j, SHADE] + v * attributes[k, SHADE]
-            moist = w * attributes[i, WET] + u * attributes[j, WET] + v * attributes[k, WET]
             if moves:
                 moved[row, column, 0] = w * velocity[i, 0] + u * velocity[j, 0] + v * velocity[k, 0]
                 moved[row, column, 1] = w * velocity[i, 1] + u * velocity[j, 1] + v * velocity[k, 1]
             tx, ty = min(max(tx, zero), wide), min(max(ty, zero), high)
-            c, r = int(tx), int(ty)
+            c, r = np.uint32(tx), np.uint32(ty)
             fx, fy = tx - np.float32(c), ty - np.float32(r)
             w11 = fx * fy
             w01, w10 = fx - w11, fy - w11
             w00 = one - fx - w10
-            p, q = texture[r, c], texture[r, c + 1]
-            d, e = texture[r + 1, c], texture[r + 1, c + 1]
-            red = w00 * p[RED] + w01 * q[RED] + w10 * d[RED] + w11 * e[RED]
-            green = w00 * p[GREEN] + w01 * q[GREEN] + w10 * d[GREEN] + w11 * e[GREEN]
-            blue = w00 * p[BLUE] + w01 * q[BLUE] + w10 * d[BLUE] + w11 * e[BLUE]
-            sx = w00 * p[SLOPE_X] + w01 * q[SLOPE_X] + w10 * d[SLOPE_X] + w11 * e[SLOPE_X]
-            sy = w00 * p[SLOPE_Y] + w01 * q[SLOPE_Y] + w10 * d[SLOPE_Y] + w11 * e[SLOPE_Y]
-            lip = w00 * p[LIP] + w01 * q[LIP] + w10 * d[LIP] + w11 * e[LIP]
-            dark = w00 * p[SEAM] + w01 * q[SEAM] + w10 * d[SEAM] + w11 * e[SEAM]
-            oil = w00 * p[OIL] + w01 * q[OIL] + w10 * d[OIL] + w11 * e[OIL]
+            r1, c1 = r + np.uint32(1), c + np.uint32(1)
+            red = w00 * texture[r, c, RED] + w01 * texture[r, c1, RED]
+            red += w10 * texture[r1, c, RED] + w11 * texture[r1, c1, RED]
+            green = w00 * texture[r, c, GREEN] + w01 * texture[r, c1, GREEN]
+            green += w10 * texture[r1, c, GREEN] + w11 * texture[r1, c1, GREEN]
+            blue = w00 * texture[r, c, BLUE] + w01 * texture[r, c1, BLUE]
+            blue += w10 * texture[r1, c, BLUE] + w11 * texture[r1, c1, BLUE]
+            sx = w00 * texture[r, c, SLOPE_X] + w01 * texture[r, c1, SLOPE_X]
+            sx += w10 * texture[r1, c, SLOPE_X] + w11 * texture[r1, c1, SLOPE_X]
+            sy = w00 * texture[r, c, SLOPE_Y] + w01 * texture[r, c1, SLOPE_Y]
+            sy += w10 * texture[r1, c, SLOPE_Y] + w11 * texture[r1, c1, SLOPE_Y]
+            oil = w00 * texture[r, c, OIL] + w01 * texture[r, c1, OIL]
+            oil += w10 * texture[r1, c, OIL] + w11 * texture[r1, c1, OIL]
             nx -= sx * ax + sy * bx
             ny -= sx * ay + sy * by
             nz -= sx * az + sy * bz
@@ -92,27 +99,44 @@ def shade_tissue(owner, bary, triangles, attributes, velocity, texture, axes, li
             s4 = s2 * s2
             s8 = s4 * s4
             s16 = s8 * s8
-            s64 = s16 * s16
-            s64 *= s64
-            lip = max(lip, moist)
-            shine = sheen * (np.float32(0.4) * s8 + s16) * oil * (one - lip)
-            shine += lip * (silk * s16 + wet * s64 * s64 + wetness * s64)
             rim = one - min(max(nz, zero), one)
             rim *= rim * rim * np.float32(0.10)
-            dark *= seam * closed
-            light_up = one - dark
-            shine *= body * (one - np.float32(0.7) * dark)
-            rim *= light_up
-            sky = (np.float32(0.72) + np.float32(0.28) * ny) * body
+            shine = sheen * (np.float32(0.25) * s8 + s16) * oil
+            sky = np.float32(0.72) + np.float32(0.28) * ny
+            body = one
+            if not plain[t]:
+                closed = w * attributes[i, CLOSED] + u * attributes[j, CLOSED] + v * attributes[k, CLOSED]
+                body = w * attributes[i, SHADE] + u * attributes[j, SHADE] + v * attributes[k, SHADE]
+                lip = w * attributes[i, WET] + u * attributes[j, WET] + v * attributes[k, WET]
+                lip = max(
+                    lip,
+                    w00 * texture[r, c, LIP]
+                    + w01 * texture[r, c1, LIP]
+                    + w10 * texture[r1, c, LIP]
+                    + w11 * texture[r1, c1, LIP],
+                )
+                dark = w00 * texture[r, c, SEAM] + w01 * texture[r, c1, SEAM]
+                dark += w10 * texture[r1, c, SEAM] + w11 * texture[r1, c1, SEAM]
+                s64 = s16 * s16
+                s64 *= s64
+                shine += lip * (silk * s16 + wet * s64 * s64 + wetness * s64 - shine)
+                dark *= seam * closed
+                light_up = one - dark
+                shine *= body * (one - np.float32(0.7) * dark)
+                rim *= light_up
+                sky *= body
+                red = red * light_up + dark * seam_r
+                green = green * light_up + dark * seam_g
+                blue = blue * light_up + dark * seam_b
             lit = max((facing + wrap_r) * over_r, zero)
             full = lit_r * lit * (soft + hard * lit) * body + sky_r * sky
-            tissue[row, column, 0] = (red * light_up + dark * seam_r) * full + lit_r * shine + sky_r * rim
+            tissue[row, column, 0] = red * full + lit_r * shine + sky_r * rim
             lit = max((facing + wrap_g) * over_g, zero)
             full = lit_g * lit * (soft + hard * lit) * body + sky_g * sky
-            tissue[row, column, 1] = (green * light_up + dark * seam_g) * full + lit_g * shine + sky_g * rim
+            tissue[row, column, 1] = green * full + lit_g * shine + sky_g * rim
             lit = max((facing + wrap_b) * over_b, zero)
             full = lit_b * lit * (soft + hard * lit) * body + sky_b * sky
-            tissue[row, column, 2] = (blue * light_up + dark * seam_b) * full + lit_b * shine + sky_b * rim
+            tissue[row, column, 2] = blue * full + lit_b * shine + sky_b * rim
 
 
 @njit(cache=True, nogil=True)
@@ -207,7 +231,7 @@ def shade_inside(hole, box, camera, jaw, shown, rows, upper, lower, colours, lig
             t_back = (-0.045 - oz) / gz
             bx, by = ox + t_back * gx, oy + t_back * gy
             rise = min((bx / 0.030) ** 2 + ((by + 0.012) / 0.028) ** 2, 1.6)
-            glow = 0.10 + 0.5 * rise
+            glow = 0.16 + 0.5 * rise
             for a in range(3):
                 colour[a] = colours[3, a] * glow
             under = below[column - left] * px_m
@@ -286,7 +310,7 @@ def shade_inside(hole, box, camera, jaw, shown, rows, upper, lower, colours, lig
                 tone = tooth[4] * (0.90 + 0.10 * min(part * 4, 1.0)) * (1 - dark)
                 for a in range(3):
                     warm = 1.0 - 0.10 * part * a  # yellower towards the gum
-                    body = colours[0, a] * tone * warm * (1 - gum) + colours[1, a] * gum
+                    body = 1.12 * colours[0, a] * tone * warm * (1 - gum) + colours[1, a] * gum
                     value = (body * (light[2, a] * lit + light[3, a]) + 0.22 * light[2, a] * shine) * deep
                     colour[a] += cover * (value - colour[a])
             for a in range(3):
@@ -294,40 +318,52 @@ def shade_inside(hole, box, camera, jaw, shown, rows, upper, lower, colours, lig
 
 
 @njit(cache=True, nogil=True)
-def compose(tissue, moved, inside, hole, film, film_colour, box, samples, out):
-    """Put tissue, smeared along its movement, what is seen between the lips, and saliva together in out (H, W, 3)."""
-    height, width = hole.shape
-    top, bottom, left, right = box
+def smear(tissue, moved, samples, out):
+    """The mean of tissue (H, W, 3) along each pixel's movement (H, W, 2), px, in out (H, W, 3)."""
+    height, width = tissue.shape[:2]
+    zero, half = np.float32(0.0), np.float32(0.5)
+    lowest, rightmost = np.float32(height - 1.01), np.float32(width - 1.01)
     for row in range(height):
         for column in range(width):
-            c0, c1, c2 = tissue[row, column, 0], tissue[row, column, 1], tissue[row, column, 2]
             dy, dx = moved[row, column, 0], moved[row, column, 1]
             length = max(abs(dy), abs(dx))
-            if samples > 1 and length > 0.3:
-                count = min(int(length) + 2, samples)
-                c0, c1, c2 = np.float32(0.0), np.float32(0.0), np.float32(0.0)
-                for s in range(count):
-                    share = (s + np.float32(0.5)) / count - np.float32(0.5)
-                    y = min(max(row - dy * share, np.float32(0.0)), np.float32(height - 1.01))
-                    x = min(max(column - dx * share, np.float32(0.0)), np.float32(width - 1.01))
-                    r, c = int(y), int(x)
-                    fy, fx = y - np.float32(r), x - np.float32(c)
-                    w00, w01, w10, w11 = (1 - fy) * (1 - fx), (1 - fy) * fx, fy * (1 - fx), fy * fx
-                    c0 += w00 * tissue[r, c, 0] + w01 * tissue[r, c + 1, 0]
-                    c0 += w10 * tissue[r + 1, c, 0] + w11 * tissue[r + 1, c + 1, 0]
-                    c1 += w00 * tissue[r, c, 1] + w01 * tissue[r, c + 1, 1]
-                    c1 += w10 * tissue[r + 1, c, 1] + w11 * tissue[r + 1, c + 1, 1]
-                    c2 += w00 * tissue[r, c, 2] + w01 * tissue[r, c + 1, 2]
-                    c2 += w10 * tissue[r + 1, c, 2] + w11 * tissue[r + 1, c + 1, 2]
-                c0, c1, c2 = c0 / count, c1 / count, c2 / count
-            if top <= row < bottom and left <= column < right:
-                h, f = hole[row, column], film[row, column]
-                if h + f > 0:
-                    rest = max(1 - h - f, np.float32(0.0))
-                    c0 = rest * c0 + h * inside[row, column, 0] + f * film_colour[0]
-                    c1 = rest * c1 + h * inside[row, column, 1] + f * film_colour[1]
-                    c2 = rest * c2 + h * inside[row, column, 2] + f * film_colour[2]
-            out[row, column, 0], out[row, column, 1], out[row, column, 2] = c0, c1, c2
+            if length <= np.float32(0.3):
+                for a in range(3):
+                    out[row, column, a] = tissue[row, column, a]
+                continue
+            count = min(int(length) + 2, samples)
+            each = np.float32(1.0) / np.float32(count)
+            red, green, blue = zero, zero, zero
+            for s in range(count):
+                share = (np.float32(s) + half) * each - half
+                y = min(max(np.float32(row) - dy * share, zero), lowest)
+                x = min(max(np.float32(column) - dx * share, zero), rightmost)
+                r, c = np.uint32(y), np.uint32(x)
+                fy, fx = y - np.float32(r), x - np.float32(c)
+                w11 = fx * fy
+                w01, w10 = fx - w11, fy - w11
+                w00 = np.float32(1.0) - fx - w10
+                r1, c1 = r + np.uint32(1), c + np.uint32(1)
+                red += w00 * tissue[r, c, 0] + w01 * tissue[r, c1, 0] + w10 * tissue[r1, c, 0] + w11 * tissue[r1, c1, 0]
+                green += w00 * tissue[r, c, 1] + w01 * tissue[r, c1, 1]
+                green += w10 * tissue[r1, c, 1] + w11 * tissue[r1, c1, 1]
+                blue += w00 * tissue[r, c, 2] + w01 * tissue[r, c1, 2]
+                blue += w10 * tissue[r1, c, 2] + w11 * tissue[r1, c1, 2]
+            out[row, column, 0], out[row, column, 1], out[row, column, 2] = red * each, green * each, blue * each
+
+
+@njit(cache=True, nogil=True)
+def compose(linear, inside, hole, film, film_colour, box):
+    """Mix what is seen between the lips and the saliva there into linear (H, W, 3) by their cover."""
+    top, bottom, left, right = box
+    for row in range(top, bottom):
+        for column in range(left, right):
+            h, f = hole[row, column], film[row, column]
+            if h + f > 0:
+                rest = max(np.float32(1.0) - h - f, np.float32(0.0))
+                for a in range(3):
+                    between = h * inside[row, column, a] + f * film_colour[a]
+                    linear[row, column, a] = rest * linear[row, column, a] + between
 
 
 @njit(cache=True, nogil=True)
@@ -338,25 +374,28 @@ def develop(linear, gains, noise, read_noise, vignette, seed, curve, picture):
     sqrt(noise^2 v + read_noise^2) at light v. curve : (n,) uint8 over light from 0 to 1.
     """
     height, width = linear.shape[:2]
+    zero, one = np.float32(0.0), np.float32(1.0)
     scale = np.float32(len(curve) - 1)
     noisy = noise > 0 or read_noise > 0
-    shot, dark = np.float32(noise * noise), np.float32(read_noise * read_noise)
-    spread = np.float32(1 / (128 * math.sqrt(3 / 12)))
+    # parts from 0 to 127: mean of three 190.5, variance of three 3 (128^2 - 1) / 12
+    spread = 1 / math.sqrt(3 * (128**2 - 1) / 12)
+    shot, dark = np.float32((noise * spread) ** 2), np.float32((read_noise * spread) ** 2)
     start = _hash(np.uint64(seed))
+    bits = np.uint64(0)
+    gain = one
     for row in range(height):
         y = (row - (height - 1) / 2) * 2 / max(height, width)
         for column in range(width):
-            x = (column - (width - 1) / 2) * 2 / max(height, width)
-            gain = np.float32(1 - vignette * min((x * x + y * y) / 2, 1.0))
-            bits = np.uint64(0)
+            if vignette > 0:
+                x = (column - (width - 1) / 2) * 2 / max(height, width)
+                gain = np.float32(1 - vignette * min((x * x + y * y) / 2, 1.0))
             if noisy:
                 bits = _hash(start + np.uint64(row * width + column))
             for a in range(3):
-                v = max(linear[row, column, a] * gain * gains[a], np.float32(0.0))
+                v = max(linear[row, column, a] * gain * gains[a], zero)
                 if noisy:
-                    total = (bits & np.uint64(127)) + ((bits >> np.uint64(7)) & np.uint64(127))
-                    total += (bits >> np.uint64(14)) & np.uint64(127)
+                    total = np.int32(bits & np.uint64(127)) + np.int32((bits >> np.uint64(7)) & np.uint64(127))
+                    total += np.int32((bits >> np.uint64(14)) & np.uint64(127))
                     bits = bits >> np.uint64(21)
-                    v += (np.float32(total) - np.float32(190.5)) * spread * math.sqrt(shot * v + dark)
-                v = min(max(v, np.float32(0.0)), np.float32(1.0))
-                picture[row, column, a] = curve[int(v * scale + np.float32(0.5))]
+                    v = max(v + (np.float32(total) - np.float32(190.5)) * np.sqrt(shot * v + dark), zero)
+                picture[row, column, a] = curve[np.uint32(min(v, one) * scale + np.float32(0.5))]

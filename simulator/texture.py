@@ -63,7 +63,7 @@ def _paint(values: np.ndarray, x: np.ndarray, y: np.ndarray, mouth: Mouth, look:
     blotch, mottle, pores, dapple = noise(0.006), noise(0.0018), noise(0.0003), noise(0.001)
     # the border of the red wanders a little
     border, line = _border(mouth, x, y)
-    border = border + 0.0003 * noise(0.0015)
+    border = border + 0.00012 * noise(0.004)
     lip = _smooth(border / skin.border_m + 0.5)
     above = y - line
     half = mouth.width_m / 2
@@ -75,46 +75,48 @@ def _paint(values: np.ndarray, x: np.ndarray, y: np.ndarray, mouth: Mouth, look:
     if skin.nose:
         flush = flush + 0.9 * np.exp(-((np.abs(x) / 0.014) ** 2) - ((y - 0.040) / 0.012) ** 2)
     flush = 0.20 * flush + texture * (0.10 * blotch + 0.05 * mottle)
-    tone = 1 + texture * (0.03 * blotch + 0.035 * mottle + 0.045 * pores)
+    tone = 1 + texture * (0.025 * blotch + 0.03 * mottle + 0.04 * pores)
     lip_tone = 1 + texture * (0.06 * blotch + 0.05 * dapple) + 0.05 * skin.lip_lines * noise(0.0003, 0.002)
     # a paler rim along the red, a darker fold at the corners and where cheek meets lip
     rim = np.exp(-(((border + 0.0008) / 0.0009) ** 2)) * (np.abs(x) < half)
     corner = np.exp(-(((np.abs(x) - half - 0.0005) / 0.0035) ** 2) - (above / 0.0022) ** 2)
-    fold_x = 0.021 + 0.55 * np.maximum(0.030 - y, 0)
-    fold = np.exp(-(((np.abs(x) - fold_x) / 0.0028) ** 2)) * _smooth((y + 0.004) / 0.012) * _smooth((0.040 - y) / 0.01)
+    low = np.clip((0.034 - y) / 0.034, 0, 1.3)
+    fold_x = 0.0205 + 0.0165 * low**1.3
+    fold = np.exp(-np.abs((np.abs(x) - fold_x) / (0.0024 + 0.003 * low)) ** 1.7)
+    fold = fold * _smooth((y + 0.012) / 0.025) * _smooth((0.037 - y) / 0.008)
     below_lip = np.exp(-(((y + 0.0150) / 0.0045) ** 2) - (x / 0.020) ** 2)
-    shade = 1 - 0.30 * corner - 0.10 * fold - 0.10 * below_lip * (1 - lip) + 0.05 * rim
+    shade = 1 - 0.30 * corner - 0.075 * fold - 0.10 * below_lip * (1 - lip) + 0.05 * rim
     if skin.freckles:
-        spots = np.maximum(noise(0.0009) - 2.6 + 1.3 * skin.freckles, 0) * np.exp(-(((y - 0.03) / 0.03) ** 2))
-        freckle = np.clip(spots * 1.2, 0, 1) * (1 - lip)
+        spots = np.maximum(noise(0.0008) - 2.3 + 1.3 * skin.freckles, 0) * np.exp(-(((y - 0.035) / 0.03) ** 2))
+        freckle = np.clip(spots, 0, 1) * (1 - lip)
     relief = np.zeros(shape, np.float32)
     if skin.nose:
         relief, nose_shade = _nose(x, y, look.light.direction)
         shade = shade * nose_shade
     beard = _beard(x, y, half) * (1 - lip) * _smooth((-border - 0.0008) / 0.002)
-    dots = np.clip((noise(0.00035) - 0.9) * 1.2, 0, 1)
+    dots = np.clip((noise(0.0003) - 0.2) * 0.8, 0, 1)
     for channel, (a, absorbs) in enumerate(((RED, 0.25), (GREEN, 1.0), (BLUE, 0.85))):
         colour = base[channel] * tone * np.exp(-absorbs * flush)
         if skin.freckles:
-            colour = colour * np.exp(-freckle * (0.35, 0.7, 0.9)[channel])
+            colour = colour * np.exp(-freckle * (0.25, 0.5, 0.65)[channel])
         if skin.stubble:
             grey = (0.055, 0.050, 0.050)[channel]
-            cover = beard * skin.stubble * (0.28 + 0.62 * dots)
+            cover = beard * skin.stubble * (0.30 + 0.55 * dots)
             colour = colour + cover * (grey - colour)
         # the lower lip is a little lighter than the upper one
         rose = red[channel] * lip_tone * (1 + 0.04 * np.tanh(-above / 0.002))
         values[..., a] = np.maximum((colour + lip * (rose - colour)) * shade, 0.002)
 
     lines = skin.lip_lines * (noise(0.00035, 0.004) + 0.6 * noise(0.0008, 0.006))
-    relief = relief + 2.2e-5 * texture * pores * (1 - lip) + 5e-5 * texture * mottle * (1 - lip)
+    relief = relief + 1.1e-5 * texture * pores * (1 - lip) + 2.5e-5 * texture * mottle * (1 - lip)
     relief = relief + 5.5e-5 * lines * lip
     relief = relief + 1.2e-4 * np.exp(-((border / 0.0011) ** 2)) * (np.abs(x) < half)
-    relief = relief - 6e-4 * fold
-    values[..., SLOPE_X] = _slope(relief, 1) / step
-    values[..., SLOPE_Y] = -_slope(relief, 0) / step
+    relief = relief - 4e-4 * fold
+    for a, slope in ((SLOPE_X, np.gradient(relief, axis=1) / step), (SLOPE_Y, -np.gradient(relief, axis=0) / step)):
+        values[..., a] = slope / np.sqrt(1 + (slope / 0.9) ** 2)  # skin hangs over nowhere
     values[..., LIP] = lip
     taper = _smooth((half + 0.0015 - np.abs(x)) / 0.004)
-    values[..., SEAM] = np.exp(-((np.abs(above) / 0.00055) ** 1.5)) * taper
+    values[..., SEAM] = np.exp(-((np.maximum(np.abs(above) - 0.0002, 0) / 0.0005) ** 1.5)) * taper
     values[..., OIL] = np.clip(1 + texture * (0.25 * blotch + 0.25 * pores), 0, 2) * (1 - 0.6 * beard * skin.stubble)
 
 
@@ -137,8 +139,12 @@ def _noise(rng, shape, step: float, across_m: float, along_m: float) -> np.ndarr
 def _border(mouth: Mouth, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Signed distance to the border of the lips and the height of the line between them, m, over the texture."""
     if mouth.shape is not None:
-        border = border_distance(mouth.shape, x.astype(float), y.astype(float)).astype(np.float32)
-        return border, line_y(mouth.shape, x.astype(float)).astype(np.float32)
+        shape, x, y = mouth.shape, x.astype(float), y.astype(float)
+        line = line_y(shape, x)
+        # the line's small waves end at the lips' edge: the lower border is a plain bow
+        bow = shape.corner_rise_m * np.minimum(np.abs(x) / (shape.width_m / 2), 1.0) ** 2 + 0.0003
+        border = border_distance(shape, x, np.where(y < line, y - bow + line, y))
+        return border.astype(np.float32), line.astype(np.float32)
     from scipy.interpolate import LinearNDInterpolator
 
     nodes = np.unique(mouth.outer)
@@ -155,17 +161,20 @@ def _border(mouth: Mouth, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.
 def _nose(x: np.ndarray, y: np.ndarray, light) -> tuple[np.ndarray, np.ndarray]:
     """Relief (m) and shade of the base of a nose: tip, wings, nostrils, and the shadow under it."""
     side = np.abs(x)
-    rise = _smooth((y - 0.0225) / 0.011)
-    tip = 0.011 * np.exp(-((side / 0.0105) ** 2)) * rise
-    wing = 0.0055 * np.exp(-(((side - 0.0125) / 0.0048) ** 2) - ((y - 0.0315) / 0.0062) ** 2)
+    # the lower rim of the nose: lowest at the middle, higher over the nostrils, down again at the wings
+    rim = 0.0225 + 0.0030 * np.exp(-(((side - 0.0075) / 0.0035) ** 2))
+    tip = 0.0105 * np.exp(-((side / 0.0095) ** 2)) * _smooth((y - 0.0225) / 0.011)
+    wing = 0.0062 * np.exp(-(((side - 0.0125) / 0.0042) ** 2)) * _smooth((y - rim) / 0.006) * _smooth((0.0415 - y) / 0.010)
     bridge = 0.006 * np.exp(-((side / 0.009) ** 2)) * _smooth((y - 0.034) / 0.02)
-    crease = np.exp(-(((side - 0.0178) / 0.0016) ** 2) - ((y - 0.0310) / 0.006) ** 2)
-    turn = (y - 0.0262) - 0.30 * (side - 0.0068)
-    nostril = np.exp(-((((side - 0.0068) / 0.0036) ** 2 + (turn / 0.0017) ** 2) ** 1.5))
-    under = np.exp(-((side / 0.013) ** 2)) * np.exp(-(((y - 0.0225) / 0.004) ** 2))
+    # round the wings
+    around = np.sqrt((side - 0.0115) ** 2 + (0.85 * (y - 0.0310)) ** 2)
+    crease = np.exp(-(((around - 0.0064) / 0.0015) ** 2)) * _smooth((side - 0.0120) / 0.004) * _smooth((y - 0.0245) / 0.004)
+    turn = (y - 0.0258) - 0.32 * (side - 0.0068)
+    nostril = np.exp(-((((side - 0.0068) / 0.0036) ** 2 + (turn / 0.0016) ** 2) ** 2))
+    under = np.exp(-((side / 0.0135) ** 2)) * np.exp(-(((y - 0.0215) / 0.0035) ** 2))
     # the longer the shadow, the higher the light stands
     steep = min(max(light[1] / (math.sqrt(sum(v * v for v in light)) + 1e-9), 0.0), 1.0)
-    shade = (1 - 0.90 * nostril) * (1 - 0.35 * crease) * (1 - 0.40 * steep * under)
+    shade = (1 - 0.92 * nostril) * (1 - 0.25 * crease) * (1 - 0.40 * steep * under)
     return (tip + wing + bridge).astype(np.float32), shade.astype(np.float32)
 
 
@@ -179,11 +188,6 @@ def _beard(x: np.ndarray, y: np.ndarray, half: float) -> np.ndarray:
     return np.clip(np.where(y > 0, np.maximum(moustache, low), low + moustache * _smooth(1 - side / half)), 0, 1) * (
         1 - 0.6 * bare
     )
-
-
-def _slope(relief: np.ndarray, axis: int) -> np.ndarray:
-    """Central difference per texel."""
-    return np.gradient(relief, axis=axis)
 
 
 def _smooth(t: np.ndarray) -> np.ndarray:
