@@ -9,13 +9,18 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import math
 import os
+import queue
 import shutil
 import time
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+
+import numpy as np
 
 from simulator import export
 from simulator.errors import InputError, Interrupted
@@ -243,7 +248,7 @@ def _ticker(what: str, progress: bool) -> Callable:
 
 def _reason(error: BaseException) -> str:
     if isinstance(error, OSError):
-        return f"expected to write the clip, but: {error.strerror or error}"
+        return f"expected to write the clip, but: {' '.join(str(error).split())}"
     return str(error)
 
 
@@ -260,7 +265,64 @@ def _write_truth(scene: Scene, mouth: Mouth, motion: Motion, folder: Path, stem:
 
 
 def _write_videos(scene: Scene, mouth: Mouth, motion: Motion, folder: Path, stem: str, people: bool, tick) -> None:
-    raise InputError("no pictures yet")
+    """Draw every frame once, into a lossless video and one for people."""
+    from simulator.render import render
+    from simulator.video import write_video
+
+    moved, rate = scene.jaw(mouth), scene.output.frame_rate
+
+    def jaw(time_s: float) -> tuple[float, tuple[float, float]]:
+        angle, joint = moved.transform(time_s)
+        return math.degrees(angle), (float(joint[1]), float(joint[2]))
+
+    times = scene.frame_times_s
+    frames = render(motion, mouth, scene.camera, scene.look, times_s=times, frame_rate=rate, jaw=jaw)
+    frames = tick(frames, total=len(times))
+    if not people:
+        write_video(folder / f"{stem}.mkv", frames, rate)
+        return
+    _read_twice(
+        frames,
+        lambda frames: write_video(folder / f"{stem}.mkv", frames, rate),
+        lambda frames: write_video(folder / f"{stem}.mp4", map(_even, frames), rate, "h264"),
+    )
+
+
+def _read_twice(frames: Iterator[np.ndarray], first: Callable, second: Callable) -> None:
+    """Give the frames, which come but once, to two functions that read them all; the second has a thread of its own."""
+    passed: queue.Queue = queue.Queue(maxsize=8)
+
+    def received() -> Iterator[np.ndarray]:
+        while (frame := passed.get()) is not None:
+            yield frame
+
+    with ThreadPoolExecutor(1) as pool:
+        other = pool.submit(second, received())
+
+        def hand(frame: np.ndarray | None) -> None:
+            while not other.done():
+                try:
+                    return passed.put(frame, timeout=0.2)
+                except queue.Full:
+                    continue
+            return other.result()  # it has given up: says why
+
+        def handed_on() -> Iterator[np.ndarray]:
+            for frame in frames:
+                hand(frame)
+                yield frame
+
+        try:
+            first(handed_on())
+        finally:
+            hand(None)
+    other.result()
+
+
+def _even(frame: np.ndarray) -> np.ndarray:
+    """Without the last row or column where their number is odd, as players of H.264 want it."""
+    height, width = frame.shape[:2]
+    return frame[: height // 2 * 2, : width // 2 * 2]
 
 
 def _write_page(scene: Scene, mouth: Mouth, motion: Motion, truth, folder: Path, stem: str) -> None:

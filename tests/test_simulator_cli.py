@@ -399,7 +399,7 @@ def test_only_xml_is_taken_for_a_model(tmp_path):
 def test_choices_of_the_command_line_are_those_of_the_modules():
     from simulator import clip, mouth
 
-    assert cli.RESOLUTIONS == tuple(mouth.RESOLUTIONS) and cli.EXPORTS == clip.EXPORTS
+    assert tuple(mouth.RESOLUTIONS) == cli.RESOLUTIONS and clip.EXPORTS == cli.EXPORTS
 
 
 def test_the_verbs_are_not_hidden_by_their_modules():

@@ -2,11 +2,13 @@ import dataclasses
 import hashlib
 import json
 
+import av
 import numpy as np
 import pytest
 from moved_mouth import moved_mouth
 
 from simulator import clip as clips
+from simulator import render
 from simulator.clip import make_clip, unfinished
 from simulator.errors import InputError, Interrupted
 from simulator.export import load_motion
@@ -61,7 +63,13 @@ def names(folder):
 
 
 def digests(folder):
-    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in folder.iterdir()}
+    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in folder.iterdir() if path.is_file()}
+
+
+def pictures(path):
+    """(T, H, W, 3) RGB of a video."""
+    with av.open(str(path)) as container:
+        return np.array([frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)])
 
 
 def test_truth_alone_makes_no_pictures(moved, tmp_path):
@@ -91,6 +99,53 @@ def test_provenance(moved, tmp_path):
     assert told["scene"] == "yawn_7" and load_scene(tmp_path / "yawn_7.scene.toml").name == "yawn_7"
     assert told["elements"] == 870 and told["states"] == 11 and told["solver"] == {"safety": 0.9}
     assert set(told["files"]) == set(names(tmp_path)) - {"yawn_7.clip.json"}
+
+
+def test_pictures_and_page(moved, tmp_path):
+    scene = dataclasses.replace(SCENE, camera=Camera(width_px=97, height_px=65))
+    make_clip(scene, tmp_path)
+    assert set(names(tmp_path)) - set(ALWAYS) == {"yawn.mkv", "yawn.mp4", "yawn.view.html"}
+    exact, people = pictures(tmp_path / "yawn.mkv"), pictures(tmp_path / "yawn.mp4")
+    assert exact.shape == (11, 65, 97, 3) and people.shape == (11, 64, 96, 3)
+    drawn = list(
+        render(
+            make_clip(scene, tmp_path / "b", truth_only=True).motion,
+            moved_mouth("low")[0],
+            scene.camera,
+            scene.look,
+            times_s=scene.frame_times_s,
+            frame_rate=10,
+            jaw=lambda t: None,
+        )
+    )
+    assert np.array_equal(exact[0], drawn[0])  # lossless; later the jaw has turned
+    assert np.abs(people[-1].astype(float) - exact[-1, :64, :96]).mean() < 6
+    again = tmp_path / "again"
+    make_clip(scene, again)
+    assert digests(again) == digests(tmp_path)
+
+
+def test_no_video_for_people_where_it_is_not_wanted(moved, tmp_path):
+    make_clip(SCENE, tmp_path, people=False)
+    assert "yawn.mkv" in names(tmp_path) and "yawn.mp4" not in names(tmp_path)
+
+
+def test_two_readers_of_one_stream():
+    got = {}
+
+    def keep(name):
+        return lambda frames: got.update({name: list(frames)})
+
+    clips._read_twice(iter(range(50)), keep("first"), keep("second"))
+    assert got == {"first": list(range(50)), "second": list(range(50))}
+
+    def give_up(frames):
+        next(frames)
+        raise InputError("no room")
+
+    for first, second in ((keep("first"), give_up), (give_up, keep("second")), (give_up, give_up)):
+        with pytest.raises(InputError, match="no room"):
+            clips._read_twice(iter(range(50)), first, second)
 
 
 def test_exports(moved, tmp_path):

@@ -76,7 +76,7 @@ def test_a_built_in_scene_can_be_solved_and_written_again(name):
     whole = scene.spelled_out()
     assert scene_from_table(parse_toml(to_toml(whole), name), name) == whole
     small = dataclasses.replace(scene, face=dataclasses.replace(scene.face, resolution="low"))
-    mouth, model = small.model()
+    _, model = small.model()
     assert model.duration_s == scene.duration_s and len(model.loads) > 1
     assert max(action.curve().times_s[-1] for action in scene.muscle) <= scene.duration_s
     lines = scene_text(name).splitlines()
@@ -257,7 +257,7 @@ def test_stickiness_in_place_of_the_scenes_own(load):
     assert scene.saliva.stickiness == 6 and scene.saliva.patch[0].stickiness == pytest.approx(18)
     with pytest.raises(InputError, match="whose stickiness is above 0 beside its patches"):
         load(text.replace("stickiness = 4", "stickiness = 0"), stickiness=6)
-    with pytest.raises(InputError, match="expected a stickiness from 0 to 10, .* got -1"):
+    with pytest.raises(InputError, match=r"expected a stickiness from 0 to 10, .* got -1"):
         load_scene("m", -1)
 
 
@@ -368,7 +368,7 @@ def test_scenes_that_are_not_there(tmp_path):
         load_scene(tmp_path / "none.toml")
     with pytest.raises(InputError, match="expected a TOML file"):
         load_scene(tmp_path)
-    with pytest.raises(InputError, match="expected a built-in scene of .* got 'fast_opn'; did you mean 'fast_open'"):
+    with pytest.raises(InputError, match=r"expected a built-in scene of .* got 'fast_opn'; did you mean 'fast_open'"):
         scene_text("fast_opn")
 
 
