@@ -184,6 +184,23 @@ class KeyFrames:
                     rate[inside] = (v1 - v0) / (t1 - t0) * 30 * s**2 * (1 - s) ** 2
         return rate[()]
 
+    def quiet_until(self, t_s: float) -> float:
+        """Time up to which the value stays what it is at `t_s`, s; `t_s` itself while it changes, inf after the end."""
+        until = t_s
+        for i, time in enumerate(self.times_s):
+            if time <= until:
+                continue
+            if i > 0 and self.values[i] != self.values[i - 1]:
+                return until
+            until = time
+        return math.inf
+
+
+def quiet_until(curve: object, t_s: float) -> float:
+    """`curve.quiet_until(t_s)`, or `t_s` where the curve has no such method and may change at any time."""
+    method = getattr(curve, "quiet_until", None)
+    return t_s if method is None else method(t_s)
+
 
 def read_key_frames(path: str | Path) -> KeyFrames:
     """Read an activation file: a line `time value` per key frame, a line with the kind of segment between each two.

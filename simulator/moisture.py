@@ -57,6 +57,20 @@ def wetted(moisture: np.ndarray, rate_per_s: np.ndarray, licks: Sequence[Lick], 
     return dried(now, rate_per_s, time_s - since)
 
 
+def next_change_s(
+    moisture: np.ndarray, rate_per_s: np.ndarray, strength: np.ndarray, stretch_squared: np.ndarray, broken: np.ndarray
+) -> float:
+    """Time until drying alone next breaks an element that is held at Q, or lets a broken one stick, s; inf if never.
+
+    Arguments are (S,), moisture that of now; `broken` marks elements that lie against one another.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        least = np.where(stretch_squared > 1, (stretch_squared - 1) / strength, -1.0)  # M / Mc at which Z = Q
+        target = np.where(broken, 1.0, least)
+        wait = np.where((moisture > target) & (target >= 0), (moisture - target) / rate_per_s, np.inf)
+    return float(np.min(wait, initial=math.inf))
+
+
 def critical(moisture: np.ndarray, strength: np.ndarray) -> np.ndarray:
     """Z = 1 where M > Mc, else 1 + K M / Mc, thesis eq. 3.67; `strength` is K."""
     return np.where(moisture > 1, 1.0, 1 + strength * moisture)

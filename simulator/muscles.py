@@ -25,7 +25,7 @@ motions to the left of the face, up and forward in mm, J the lowest volume ratio
 | press            | 0.045 N   | 0.0, -0.1, -0.3     | 0, -2.6, -0.8       | 0, 1.7, -1.0        | 0 %    | 0.90 |
 | burst            | 0.035 N   | 0.0, 0.0, 0.8       | 0, 2.1, 1.9         | 0, -1.8, 3.4        | 0 %    | 0.89 |
 
-The low mesh gives the same to 0.3 mm seen from the front and 0.7 mm in depth.
+The low mesh gives the same to 0.3 mm seen from the front and 1.1 mm in depth.
 
 Directions: x > 0 is the left side of the face, y up, z towards the viewer.
 """
@@ -237,8 +237,8 @@ class Activation:
     """
 
     muscle: str
+    peak: float | None
     curve: Shape
-    peak: float | None = None
     side: str = "both"
     volume: Volume | None = None
     forward: float | None = None
@@ -482,7 +482,6 @@ def jaw_nodes(mouth: Mouth) -> tuple[np.ndarray, np.ndarray]:
         (face.centre_x, face.chin_y, face.chin_z - face.thickness / 2), (0.8 * face.half, 0.8 * gap, face.half)
     )
     part[nodes_inside(X, chin, "the chin")] = 1.0
-    part[edge[X[edge, 1] >= face.y]] = 0.0
     nodes = np.flatnonzero(part)
     return nodes, part[nodes]
 

@@ -271,5 +271,4 @@ def _border_distance(outer: np.ndarray, faces: np.ndarray, group: np.ndarray) ->
         distance[start : start + 4096] = np.sqrt(np.einsum("nei,nei->ne", rest, rest).min(axis=1))
     outside = np.zeros(len(outer), bool)
     outside[faces[group == SKIN]] = True
-    distance[line] = 0.0
     return np.where(outside, -distance, distance)

@@ -20,7 +20,7 @@ LANCZOS_STEPS = 24, 80  # at least, lest it settles on a smaller eigenvalue, and
 LANCZOS_TOLERANCE = 0.01  # of the eigenvalue; the step is half as sensitive
 
 
-def stable_step(model: Model, mass: np.ndarray, free: np.ndarray | None = None) -> float:
+def stable_step(model: Model, mass: np.ndarray, free: np.ndarray | None = None, saliva: bool = True) -> float:
     """Largest stable time step of the undeformed mesh, s, from the assembled mesh.
 
     The largest eigenvalue of M^-1/2 K M^-1/2 over the free degrees of freedom comes from Lanczos iteration, with K
@@ -31,13 +31,14 @@ def stable_step(model: Model, mass: np.ndarray, free: np.ndarray | None = None) 
     ----------
     mass : (N,) kg
     free : (N, 3) bool, False where a node is held or prescribed; None takes all
+    saliva : whether the saliva's stiffness counts
     """
     roots = np.repeat(1 / np.sqrt(mass), 3)
     if free is not None:
         roots = roots * free.ravel()
     if not roots.any():
         return math.inf
-    stiffness = _stiffness(model)
+    stiffness = _stiffness(model, saliva)
     now = np.random.default_rng(0).standard_normal(len(roots)) * (roots > 0)
     now /= np.linalg.norm(now)
     before, beta = np.zeros_like(now), 0.0
@@ -57,7 +58,7 @@ def stable_step(model: Model, mass: np.ndarray, free: np.ndarray | None = None) 
     return 2 / math.sqrt(largest + residual)
 
 
-def _stiffness(model: Model):
+def _stiffness(model: Model, saliva: bool = True):
     """Function v (3N,) -> K v of the undeformed mesh."""
     nodes, elements = model.nodes, model.elements
     n_elements, n = elements.shape
@@ -65,7 +66,7 @@ def _stiffness(model: Model):
     V = geometry.volumes(nodes, elements)
     film = None
     if model.saliva is not None:
-        film = _film_stiffness(model, shear, wave)
+        film = _film_stiffness(model, shear, wave) if saliva else None
         V[model.saliva.elements] = 0.0
     B = geometry.shape_gradients(nodes, elements)
     rows = np.arange(3 * n_elements + 1) * n

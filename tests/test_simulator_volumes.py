@@ -84,7 +84,7 @@ def test_closed_surface_against_convex_hull_and_formula():
 def test_points_level_with_edges_and_vertices():
     """Where a ray along an axis would run along faces and edges."""
     surface = ClosedSurface(CUBE, CUBE_FACES)
-    P = np.array([[0.5, 0.5, 0.5], [-0.5, 0, 0], [1.5, 1, 1], [0.5, 0.5, -1], [0.25, 0.25, 0.25], [2, 0.5, 0.5]])
+    P = np.array([[0.5, 0.5, 0.5], [-0.5, 0, 0], [1.5, 1, 1], [0.5, 0.5, -1], [0.25, 0.25, 0.25], [2, 0.7, 0.4]])
     assert surface.inside(P).tolist() == [True, False, False, False, True, False]
     assert np.allclose(surface.distance_m(P), [0, 0.5, 0.5, 1, 0, 1])
 
