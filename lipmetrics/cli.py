@@ -256,7 +256,7 @@ def _parser() -> argparse.ArgumentParser:
     verbs = parser.add_subparsers(title="commands", required=True, metavar="COMMAND", parser_class=_Parser)
     _add_measure(verbs)
     _add_demo(verbs)
-    verbs.add_parser("simulate", help="run finite element models given in NiftySim's XML", add_help=False)
+    verbs.add_parser("simulate", help="ground-truth clips of sticky mouths from scenes", add_help=False)
     verbs.add_parser("view", help="replay a simulated clip in the browser", add_help=False)
     return parser
 

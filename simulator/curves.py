@@ -21,7 +21,7 @@ from simulator.errors import InputError
 from simulator.wording import choices, nearest
 
 LOAD_SHAPES = ("POLY345", "RAMP", "STEP", "HILLY", "RAMPHOLD")
-SEGMENTS = ("linear", "geometric", "quarter_sin")
+SEGMENTS = ("linear", "geometric", "quarter_sin", "smooth")
 
 _HILLY_OMEGA = 4 * 3.14159  # NiftySim's own digits of pi: its results depend on them
 
@@ -105,6 +105,10 @@ class KeyFrames:
     | linear      | v0 + (v1 - v0) s            |
     | geometric   | v0 (v1 / v0)^s              |
     | quarter_sin | v0 + (v1 - v0) sin(pi/2 s)  |
+    | smooth      | v0 + (v1 - v0) (10 s^3 - 15 s^4 + 6 s^5) |
+
+    The smooth segment, which starts and ends at rest, is the movement of least jerk (Flash and Hogan 1985), as jaws
+    make it; the others are the thesis's.
 
     Parameters
     ----------
@@ -156,6 +160,8 @@ class KeyFrames:
                     value[inside] = v0 * np.exp(s * _log_ratio(v0, v1))
                 case "quarter_sin":
                     value[inside] = v0 + (v1 - v0) * np.sin(np.pi / 2 * s)
+                case "smooth":
+                    value[inside] = v0 + (v1 - v0) * s**3 * (10 - 15 * s + 6 * s**2)
         return value[()]
 
     def rate(self, t_s):
@@ -174,6 +180,8 @@ class KeyFrames:
                     rate[inside] = v0 * np.exp(s * _log_ratio(v0, v1)) * _log_ratio(v0, v1) / (t1 - t0)
                 case "quarter_sin":
                     rate[inside] = (v1 - v0) / (t1 - t0) * np.pi / 2 * np.cos(np.pi / 2 * s)
+                case "smooth":
+                    rate[inside] = (v1 - v0) / (t1 - t0) * 30 * s**2 * (1 - s) ** 2
         return rate[()]
 
     def quiet_until(self, t_s: float) -> float:

@@ -21,7 +21,7 @@ import numpy as np
 
 from simulator.atomic import whole_file
 from simulator.errors import InputError
-from simulator.motion import ENERGIES, Motion, Stop
+from simulator.motion import ENERGIES, Motion, SalivaRecord, Stop
 
 if TYPE_CHECKING:
     from simulator.model import Model
@@ -60,7 +60,7 @@ def write_motion(motion: Motion, model: Model, path: str | Path, provenance: Map
                 "hourglass": model.hourglass,
                 "duration_s": model.duration_s,
                 "provenance": json.dumps(
-                    {**(provenance or {}), "versions": _versions()}, default=_plain, sort_keys=True
+                    {**(provenance or {}), "versions": versions()}, default=_plain, sort_keys=True
                 ),
                 "settings": json.dumps(motion.settings, default=_plain, sort_keys=True),
             }
@@ -79,6 +79,9 @@ def write_motion(motion: Motion, model: Model, path: str | Path, provenance: Map
         _dataset(file, "material_of", model.material_of)
         for name, values in motion.energies.items():
             _dataset(file, f"energies/{name}", values, "J")
+        if motion.saliva is not None:
+            for one in dataclasses.fields(motion.saliva):
+                _dataset(file, f"saliva/{one.name}", getattr(motion.saliva, one.name))
         for index, material in enumerate(model.materials):
             group = file.create_group(f"materials/{index}")
             group.attrs["law"] = type(material).__name__
@@ -105,6 +108,9 @@ def load_motion(path: str | Path) -> Motion:
             stopped=None if stopped is None else Stop(**json.loads(stopped)),
             settings=json.loads(file.attrs["settings"]),
             velocities=file["velocities"][()] if "velocities" in file else None,
+            saliva=SalivaRecord(**{name: file["saliva"][name][()] for name in file["saliva"]})
+            if "saliva" in file
+            else None,
         )
 
 
@@ -344,12 +350,13 @@ def _opened(path: str | Path) -> Iterator:
         raise InputError(f"expected a file of a simulated motion, got {path}: {' '.join(str(error).split())}") from None
 
 
-def _versions() -> dict[str, str]:
-    versions = {}
+def versions() -> dict[str, str]:
+    """Name -> version of the packages that results depend on."""
+    found = {}
     for name in ("lipmetrics", "numba", "numpy"):
         with suppress(PackageNotFoundError):  # run from a source folder
-            versions[name] = version(name)
-    return versions
+            found[name] = version(name)
+    return found
 
 
 def _energy_order(name: str) -> int:
