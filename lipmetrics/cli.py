@@ -40,6 +40,10 @@ def main(argv: list[str] | None = None) -> int:
         from simulator.cli import main as simulate
 
         return simulate(words[1:], prog="lipmetrics simulate")
+    if words[:1] == ["view"]:
+        from simulator.viewer import main as view
+
+        return view(words[1:], prog="lipmetrics view")
     try:
         arguments = _parser().parse_args(words)
         return arguments.run(arguments)
@@ -252,7 +256,8 @@ def _parser() -> argparse.ArgumentParser:
     verbs = parser.add_subparsers(title="commands", required=True, metavar="COMMAND", parser_class=_Parser)
     _add_measure(verbs)
     _add_demo(verbs)
-    verbs.add_parser("simulate", help="run finite element models given in NiftySim's XML", add_help=False)
+    verbs.add_parser("simulate", help="ground-truth clips of sticky mouths from scenes", add_help=False)
+    verbs.add_parser("view", help="replay a simulated clip in the browser", add_help=False)
     return parser
 
 

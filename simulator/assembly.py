@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from simulator import elements as geometry
-from simulator import kernels
+from simulator import film, kernels
 from simulator.errors import InputError
 from simulator.materials import NeoHookean, StVenantKirchhoff, ViscoNeoHookean
 from simulator.model import Displacement, Fixed, Force, Gravity, Model, Pressure
@@ -126,7 +126,105 @@ def _element_constants(model: Model) -> np.ndarray:
         columns += [k[:, None], geometry.hourglass_extents(nodes, elements).reshape(n_elements, 12)]
     if model.element_type == "T4ANP":
         columns += [(1 / bulk)[:, None], (V * bulk)[:, None]]
-    return np.concatenate(columns, axis=1)
+    constants = np.concatenate(columns, axis=1)
+    if model.saliva is not None:
+        constants[model.saliva.elements] = 0.0  # `film_arrays` has their stiffness
+    return constants
+
+
+# Edges across a hexahedron along each natural coordinate, as (from, to) nodes in a ring.
+_STRUTS = np.array(
+    [
+        [(0, 1), (3, 2), (7, 6), (4, 5)],
+        [(0, 3), (1, 2), (5, 6), (4, 7)],
+        [(0, 4), (1, 5), (2, 6), (3, 7)],
+    ]
+)
+
+
+def film_struts(model: Model) -> tuple[np.ndarray, ...]:
+    """Geometry of the saliva at rest.
+
+    Returns
+    -------
+    lower, upper : (S, 4) nodes at the ends of the four edges across each element, in a ring
+    length : (S, 4) of these edges, m
+    tangents : (S, 2, 3) unit vectors along the film: from edges 0, 3 to 1, 2, and at right angles to it
+    normal : (S, 3) unit vector, up
+    area : (S,) of one strut, m2
+    """
+    of_saliva = model.elements[model.saliva.elements]
+    edges = of_saliva[:, _STRUTS]  # (S, 3, 4, 2)
+    vectors = model.nodes[edges[..., 1]] - model.nodes[edges[..., 0]]
+    along_up = np.einsum("sakj,sj->sa", vectors, model.saliva.up)
+    cosine = along_up / np.linalg.norm(vectors.sum(axis=2), axis=2)
+    axis = np.abs(cosine).argmax(axis=1)
+    rows = np.arange(len(of_saliva))
+    ends = edges[rows, axis]
+    flipped = along_up[rows, axis] < 0
+    ends[flipped] = ends[flipped][:, :, ::-1]
+    lower, upper = ends[..., 0], ends[..., 1]
+    length = np.linalg.norm(model.nodes[upper] - model.nodes[lower], axis=2)
+    middle = (model.nodes[upper] + model.nodes[lower]) / 2
+    a, b = _ring_axes(middle)
+    downward = np.einsum("sj,sj->s", np.cross(a, b), model.saliva.up) < 0
+    for values in (lower, upper, length, middle):
+        values[downward] = values[downward][:, ::-1]
+    a, b = _ring_axes(middle)
+    normal = np.cross(a, b)
+    area = np.linalg.norm(normal, axis=1)
+    normal /= area[:, None]
+    a /= np.linalg.norm(a, axis=1)[:, None]
+    return lower, upper, length, np.stack([a, np.cross(normal, a)], axis=1), normal, area / 4
+
+
+def _ring_axes(middle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    a = (middle[:, 1] + middle[:, 2] - middle[:, 0] - middle[:, 3]) / 2
+    return a, (middle[:, 2] + middle[:, 3] - middle[:, 0] - middle[:, 1]) / 2
+
+
+def film_arrays(model: Model, parts: Partition) -> tuple[film.Film, np.ndarray]:
+    """The saliva as the kernels have it, at rest, and (F,) where each row is in `model.saliva`; empty without one."""
+    count = len(parts.element_starts) - 1
+    if model.saliva is None:
+        none = np.zeros(0)
+        ends = np.zeros((0, 4), np.int64)
+        empty = np.zeros((0, 4)), np.zeros((0, 4)), *[none] * 6
+        starts = np.zeros(count + 1, np.int64)
+        return film.Film(ends, ends, *empty, np.ones(2), np.zeros((0, film.MEMORY)), starts), np.zeros(0, np.int64)
+    saliva = model.saliva
+    visited_at = np.empty(len(model.elements), np.int64)
+    real = parts.elements >= 0
+    visited_at[parts.elements[real]] = np.flatnonzero(real)
+    order = np.argsort(visited_at[saliva.elements], kind="stable")
+    stored_at = np.empty(len(model.nodes), np.int64)
+    stored_at[parts.nodes] = np.arange(len(model.nodes))
+    lower, upper, length, tangents, normal, area = (values[order] for values in film_struts(model))
+    strut = (model.nodes[upper] - model.nodes[lower]) / length[..., None]
+    memory = np.zeros((len(order), film.MEMORY))
+    memory[:, [film.Q_NOW, film.Z_NOW]] = 1.0
+    memory[:, film.MOISTURE_NOW] = saliva.moisture[order]
+    memory[:, film.OFFSET : film.AXES] = np.einsum("skj,saj->ska", strut, tangents).reshape(len(order), 8)
+    shear, bulk = (
+        np.array([getattr(one, name) for one in model.materials])[model.material_of[saliva.elements[order]]]
+        for name in ("shear_pa", "bulk_pa")
+    )
+    arrays = film.Film(
+        stored_at[lower],
+        stored_at[upper],
+        length,
+        np.einsum("skj,sj->sk", strut, normal),
+        area,
+        shear,
+        bulk,
+        saliva.strength[order],
+        saliva.moisture[order].copy(),
+        saliva.drying_per_s[order],
+        np.array([saliva.decay_s, saliva.ramp_s]),
+        memory,
+        np.searchsorted(visited_at[saliva.elements[order]], parts.element_starts),
+    )
+    return arrays, order
 
 
 def _history(model: Model, dt: float) -> tuple[np.ndarray, int]:

@@ -12,7 +12,7 @@ from simulator.atomic import whole_file
 from simulator.errors import InputError
 from simulator.model import Model
 
-VERSION = 2  # to be raised when the same model takes other bits, or the arrays of a checkpoint change
+VERSION = 3  # to be raised when the same model takes other bits, or the arrays of a checkpoint change
 
 
 def fingerprint(model: Model, settings: tuple) -> str:
@@ -25,6 +25,12 @@ def fingerprint(model: Model, settings: tuple) -> str:
         digest.update(type(load).__name__.encode())
         for name, value in vars(load).items():
             digest.update(np.asarray(value.value(t) if name == "shape" else value, dtype=float).tobytes())
+    if model.saliva is not None:
+        for value in vars(model.saliva).values():
+            if isinstance(value, np.ndarray):
+                digest.update(value.tobytes())
+        licks = [(lick.time_s, lick.saliva.tolist(), lick.moisture) for lick in model.saliva.licks]
+        digest.update(repr((licks, model.saliva.decay_s, model.saliva.ramp_s)).encode())
     numbers = (model.element_type, model.materials, model.damping, model.hourglass, model.dt_s, model.duration_s)
     digest.update(repr((numbers, settings)).encode())
     return digest.hexdigest()

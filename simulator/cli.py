@@ -1,6 +1,8 @@
-"""Command line of the solver: `lipmetrics simulate model.xml -o out`, or `python -m simulator.cli ...`.
+"""Command line of the simulator: `lipmetrics simulate SCENE -o out`, or `python -m simulator.cli ...`.
 
-Exit codes: 0 done, 2 bad arguments or input, 3 some models failed or a run ended early, 130 stopped by Ctrl-C, 143 by
+What it runs are scenes of mouths (built in, or TOML files) and any models given in NiftySim's XML.
+
+Exit codes: 0 done, 2 bad arguments or input, 3 some items failed or a run ended early, 130 stopped by Ctrl-C, 143 by
 SIGTERM; a run that was stopped leaves the states so far and a checkpoint.
 """
 
@@ -25,12 +27,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from simulator.errors import InputError, Interrupted
+from simulator.wording import choices, nearest
 
 if TYPE_CHECKING:
     from simulator.model import Model
+    from simulator.scene import Scene
 
 DONE, BAD_INPUT, SOME_FAILED, STOPPED = 0, 2, 3, 130
 PRECISIONS = ("float32", "mixed", "float64")
+RESOLUTIONS = ("low", "medium", "high")
+EXPORTS = ("obj", "pc2", "gltf", "vtu")
+MODELS_ONLY = ("vtu", "velocity")
+SCENES_ONLY = ("stickiness", "resolution", "truth_only", "frame_rate", "size", "seed", "export")
 
 
 def main(argv: list[str] | None = None, prog: str = "python -m simulator.cli") -> int:
@@ -68,48 +76,217 @@ def _terminated_in_order() -> Iterator[None]:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Every model to its results; goes past models that fail."""
-    folder = Path(arguments.out)
-    _check_stems(arguments.models)
-    _prepare(folder)
-    done, failed, signal_got = [], [], None
-    for source in arguments.models:
+    """Every scene to its clips and every model to its results; goes past those that fail."""
+    if arguments.list:
+        return _list(arguments.json)
+    if arguments.print is not None:
+        return _print(arguments.print)
+    jobs, failed = _jobs(arguments)
+    missing = len(failed)
+    for folder in dict.fromkeys(job.folder for job in jobs):
+        _prepare(folder)
+    done, signal_got = [], None
+    for job in jobs:
         try:
-            summary, signal_got = _run_one(source, folder, arguments)
-            done.append(summary)
+            summary, signal_got = (_run_model if job.scene is None else _run_scene)(job, arguments)
+            done.append((job, summary))
             if signal_got:
                 break
         except (InputError, MemoryError, OSError) as error:
-            failed.append({"source": source, "error": _sentence(error)})
+            failed.append({"source": job.source, "error": _sentence(error)})
             _complain(_sentence(error))
     if arguments.json:
-        _say(json.dumps({"command": "simulate", "models": done, "failed": failed}, indent=2, ensure_ascii=False))
-    elif len(arguments.models) > 1:
-        _say(f"{len(done)} of {len(arguments.models)} models run")
+        summary = {
+            "models": [one for job, one in done if job.scene is None],
+            "clips": [one for job, one in done if job.scene is not None],
+            "failed": failed,
+        }
+        _say(json.dumps({"command": "simulate", **summary}, indent=2, ensure_ascii=False))
+    elif len(jobs) + missing > 1:
+        what = "models run" if all(job.scene is None for job in jobs) else "clips made"
+        _say(f"{len(done)} of {len(jobs) + missing} {what}")
     if signal_got:
         return 128 + signal_got
     if failed and not done:
         return BAD_INPUT
-    return SOME_FAILED if failed or any(one["stopped"] for one in done) else DONE
+    return SOME_FAILED if failed or any(one["stopped"] for _, one in done) else DONE
 
 
-def _run_one(source: str, folder: Path, arguments: argparse.Namespace) -> tuple[dict, int | None]:
-    """Summary of one run, and the signal that broke it off, if any."""
+@dataclasses.dataclass(frozen=True)
+class _Job:
+    """One run: a model's file, or a scene at one level of stickiness.
+
+    Parameters
+    ----------
+    source : as given
+    folder, stem : where its files go and what they are called
+    scene : None for a model
+    """
+
+    source: str
+    folder: Path
+    stem: str
+    scene: Scene | None = None
+
+
+def _jobs(arguments: argparse.Namespace) -> tuple[list[_Job], list[dict]]:
+    """What is to be run, and the scenes that cannot be."""
+    if not arguments.models:
+        raise InputError("the following arguments are required: MODEL or SCENE; 'simulate --list' shows the scenes")
+    are_models = {source: _is_model(source) for source in arguments.models}
+    for chosen, kind, others in ((MODELS_ONLY, "models", "scene"), (SCENES_ONLY, "scenes", "model")):
+        given = [name for name in chosen if getattr(arguments, name)]
+        if given and set(are_models.values()) == {kind == "scenes"}:
+            raise InputError(
+                f"expected {kind} to go with --{given[0].replace('_', '-')}, got a {others}: {arguments.models[0]}"
+                + ("; use --export vtu" if given[0] == "vtu" else "")
+            )
+    jobs, failed = [], []
+    for source in arguments.models:
+        if not are_models[source]:
+            try:
+                jobs += _scene_jobs(source, arguments)
+            except InputError as error:
+                failed.append({"source": source, "error": _sentence(error)})
+                _complain(_sentence(error))
+        elif arguments.out is None:
+            raise InputError("the following arguments are required: -o/--out, for models")
+        else:
+            jobs.append(_Job(source, Path(arguments.out), Path(source).stem))
+    _check_stems(jobs)
+    return jobs, failed
+
+
+def _scene_jobs(source: str, arguments: argparse.Namespace) -> list[_Job]:
+    """A scene at each level that is asked for."""
+    from simulator.scene import load_scene
+
+    scene = _with_choices(load_scene(source), arguments)
+    folder = Path(scene.name if arguments.out is None else arguments.out)
+    if arguments.stickiness is None:
+        return [_Job(source, folder, scene.name, scene)]
+    try:
+        return [
+            _Job(source, folder, f"{scene.name}_{level:g}", scene.with_stickiness(level))
+            for level in arguments.stickiness
+        ]
+    except InputError as error:
+        raise InputError(f"{source}: {error}") from None
+
+
+def _with_choices(scene: Scene, arguments: argparse.Namespace) -> Scene:
+    """The scene with what the command line says otherwise."""
+
+    def changed(part, **values):
+        return dataclasses.replace(part, **{name: value for name, value in values.items() if value is not None})
+
+    width, height = arguments.size or (None, None)
+    return changed(
+        scene,
+        face=changed(scene.face, resolution=arguments.resolution),
+        solve=changed(scene.solve, dt_s=arguments.dt, precision=arguments.precision),
+        output=changed(scene.output, frame_rate=arguments.frame_rate),
+        camera=changed(scene.camera, width_px=width, height_px=height),
+        seed=arguments.seed,
+    )
+
+
+def _is_model(source: str) -> bool:
+    """Whether this is NiftySim's XML, by its ending or by how it begins."""
+    path = Path(source)
+    if path.suffix.lower() in (".xml", ".toml"):
+        return path.suffix.lower() == ".xml"
+    try:
+        with path.open("rb") as file:
+            return file.read(200).removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"<")
+    except OSError:
+        return False
+
+
+def _run_scene(job: _Job, arguments: argparse.Namespace) -> tuple[dict, int | None]:
+    """Summary of one clip, and the signal that broke it off, if any."""
+    from simulator.clip import make_clip, unfinished
+
+    saved = job.folder / f"{job.stem}.checkpoint.npz"
+    _check_resume(arguments, job.source, saved)
+    started = time.perf_counter()
+    signal_got = None
+    try:
+        clip = make_clip(
+            job.scene,
+            job.folder,
+            stem=job.stem,
+            truth_only=arguments.truth_only,
+            exports=arguments.export or (),
+            threads=arguments.threads,
+            progress=sys.stderr.isatty(),
+            checkpoint_every_s=arguments.checkpoint_every,
+            resume=arguments.resume,
+        )
+        motion, files, seconds = clip.motion, clip.files, clip.seconds
+    except Interrupted as interrupted:
+        motion, signal_got, seconds = interrupted.motion, interrupted.signal, {}
+        files = (unfinished(job.folder, job.stem),)
+    except InputError as error:
+        raise InputError(f"{job.source}: {error}") from None
+    if motion.stopped:
+        _complain(f"{job.source}: {motion.stopped}; the states before are kept in {files[0]}")
+    summary = {
+        "source": job.source,
+        "name": job.stem,
+        "stickiness": job.scene.saliva.stickiness,
+        "files": [str(path) for path in files],
+        "nodes": len(motion.nodes),
+        "dt_s": motion.dt_s,
+        "steps": motion.steps,
+        "states": len(motion.time_s),
+        "frames": len(job.scene.frame_times_s),
+        "seconds": round(time.perf_counter() - started, 3),
+        "seconds_of": seconds,
+        "energy_residual_j": _last(motion.energies.get("residual_j", ())),
+        "stopped": None if motion.stopped is None else dataclasses.asdict(motion.stopped),
+    }
+    if not arguments.json and not motion.stopped:
+        _say(
+            f"{job.stem}: {summary['frames']} frames, stickiness {summary['stickiness']:g}, {motion.steps} steps of "
+            f"{motion.dt_s:.3g} s, {summary['seconds']:.3g} s -> {job.folder}{os.sep}{job.stem}.*"
+        )
+    return summary, signal_got
+
+
+def _list(as_json: bool) -> int:
+    """The built-in scenes and what they show."""
+    from simulator.scene import load_scene, scene_names
+
+    about = {name: load_scene(name).about for name in scene_names()}
+    if as_json:
+        _say(json.dumps({"command": "simulate", "scenes": about}, indent=2, ensure_ascii=False))
+    else:
+        width = max(map(len, about))
+        _say("\n".join(f"{name:{width}}  {text}" for name, text in about.items()))
+    return DONE
+
+
+def _print(name: str) -> int:
+    from simulator.scene import scene_text
+
+    _say(scene_text(name).rstrip("\n"))
+    return DONE
+
+
+def _run_model(job: _Job, arguments: argparse.Namespace) -> tuple[dict, int | None]:
+    """Summary of one run of a model, and the signal that broke it off, if any."""
     from simulator import export
     from simulator.niftysim_xml import read_niftysim
     from simulator.solver import solve
 
+    source, folder, stem = job.source, job.folder, job.stem
     model = read_niftysim(source)
     times = _times(model)
     if arguments.dt is not None:
         model = dataclasses.replace(model, dt_s=arguments.dt)
-    stem = Path(source).stem
     saved = folder / f"{stem}.checkpoint.npz"
-    if arguments.resume and not saved.exists():
-        raise InputError(
-            f"{source}: expected the checkpoint of an interrupted run in {saved}, got no such file; "
-            "leave out --resume to start the run anew"
-        )
+    _check_resume(arguments, source, saved)
     chosen = {name: getattr(arguments, name) for name in ("precision", "threads")}
     chosen = {name: value for name, value in chosen.items() if value is not None}
     provenance = {
@@ -188,14 +365,22 @@ def _last(values) -> float:
     return float(values[-1]) if len(values) else 0.0
 
 
-def _check_stems(sources: list[str]) -> None:
-    """Two models of one name would replace each other's results unseen."""
-    count = Counter(Path(source).stem.lower() for source in sources)
-    stem, often = count.most_common(1)[0]
-    if often > 1:
+def _check_resume(arguments: argparse.Namespace, source: str, saved: Path) -> None:
+    if arguments.resume and not saved.exists():
         raise InputError(
-            f"expected models of different names, got {often} named '{stem}'; run them into folders of their own"
+            f"{source}: expected the checkpoint of an interrupted run in {saved}, got no such file; "
+            "leave out --resume to start the run anew"
         )
+
+
+def _check_stems(jobs: list[_Job]) -> None:
+    """Two runs of one name would replace each other's results unseen."""
+    count = Counter((str(job.folder), job.stem.lower()) for job in jobs)
+    for (_, stem), often in count.most_common(1):
+        if often > 1:
+            raise InputError(
+                f"expected models of different names, got {often} named '{stem}'; run them into folders of their own"
+            )
 
 
 def _prepare(folder: Path) -> None:
@@ -248,8 +433,10 @@ class _Parser(argparse.ArgumentParser):
 def _parser(prog: str) -> argparse.ArgumentParser:
     parser = _Parser(
         prog=prog,
-        description="Run models of deformable bodies given in NiftySim's XML.",
-        epilog=f"example: {prog} model.xml -o out --vtu",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        description="Make ground-truth clips of sticky mouths from scenes, or run models given in NiftySim's XML.\n"
+        "Beside the video of a clip lie the exact openings of its every frame.",
+        epilog=f"example: {prog} slow_open --stickiness 7 -o clip\n         {prog} model.xml -o out --vtu",
     )
     add_arguments(parser)
     return parser
@@ -257,19 +444,44 @@ def _parser(prog: str) -> argparse.ArgumentParser:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The arguments that `run` reads."""
-    parser.add_argument("models", nargs="+", metavar="MODEL", help="NiftySim model (XML)")
-    parser.add_argument("-o", "--out", required=True, metavar="DIR", help="folder for the results, made if needed")
-    parser.add_argument("--vtu", action="store_true", help="also write the states for ParaView (.pvd, .vtu)")
+    parser.add_argument(
+        "models",
+        nargs="*",
+        metavar="SCENE",
+        help="scene: a TOML file or a built-in name; or a NiftySim model (XML)",
+    )
+    parser.add_argument(
+        "-o", "--out", metavar="DIR", help="folder for the results, made if needed; default: SCENE's name"
+    )
+    parser.add_argument("--list", action="store_true", help="show the built-in scenes and what they show")
+    parser.add_argument("--print", metavar="NAME", help="write out a built-in scene, to be changed: > my_scene.toml")
+    scenes = parser.add_argument_group("scenes")
+    scenes.add_argument(
+        "--stickiness",
+        type=_levels,
+        metavar="L[,L]",
+        help="level from 0 to 10 in place of the scene's; a clip for each",
+    )
+    scenes.add_argument("--resolution", choices=RESOLUTIONS, help="mesh; default: the scene's")
+    scenes.add_argument("--truth-only", action="store_true", help="make the tables of the truth and no pictures")
+    scenes.add_argument("--frame-rate", type=_above_zero, metavar="N", help="pictures per second; default: the scene's")
+    scenes.add_argument("--size", type=_size, metavar="WxH", help="size of the pictures, px; default: the scene's")
+    scenes.add_argument(
+        "--seed", type=_whole, metavar="N", help="of skin texture, teeth and noise; default: the scene's"
+    )
+    scenes.add_argument("--export", type=_exports, metavar="KIND[,KIND]", help=f"also write {choices(EXPORTS)}")
+    parser = parser.add_argument_group("running")
+    parser.add_argument("--vtu", action="store_true", help="models: also write the states for ParaView (.pvd, .vtu)")
     parser.add_argument("--dt", type=_time_step, metavar="S", help="time step, s, or auto; default: the model's own")
     parser.add_argument("--precision", choices=PRECISIONS, help="arithmetic; default: what the solver takes by itself")
     parser.add_argument("--threads", type=_count, metavar="N", help="threads; default: what is fastest")
-    parser.add_argument("--velocity", action="store_true", help="also save nodal velocities, m/s, with each state")
+    parser.add_argument("--velocity", action="store_true", help="models: also save nodal velocities, m/s")
     parser.add_argument(
         "--checkpoint-every",
         type=_seconds,
         default=60.0,
         metavar="S",
-        help="save the run in DIR/MODEL.checkpoint.npz after every S seconds of work; default: 60. Ctrl-C saves it too",
+        help="save the run in DIR/NAME.checkpoint.npz after every S seconds of work; default: 60. Ctrl-C saves it too",
     )
     parser.add_argument("--resume", action="store_true", help="go on from the checkpoint of a run that was interrupted")
     parser.add_argument("--json", action="store_true", help="print one machine-readable summary on stdout")
@@ -278,23 +490,60 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def _time_step(text: str) -> float | str:
     if text == "auto":
         return text
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
+    value = _number_or_nan(text)
     if not 0 < value < math.inf:
         raise argparse.ArgumentTypeError(f"expected a time step above 0 s such as 1e-4, or auto, got '{text}'")
     return value
 
 
 def _seconds(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
+    value = _number_or_nan(text)
     if not 0 <= value < math.inf:
         raise argparse.ArgumentTypeError(f"expected a number of seconds of 0 or more, got '{text}'")
     return value
+
+
+def _above_zero(text: str) -> float:
+    value = _number_or_nan(text)
+    if not 0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f"expected a number above 0, got '{text}'")
+    return value
+
+
+def _levels(text: str) -> tuple[float, ...]:
+    """`0,4,7` to its numbers, each once."""
+    levels = tuple(dict.fromkeys(_number_or_nan(part) for part in text.split(",")))
+    if not all(0 <= level < math.inf for level in levels):
+        raise argparse.ArgumentTypeError(f"expected levels from 0 to 10 such as 7 or 0,4,7,10, got '{text}'")
+    return levels
+
+
+def _size(text: str) -> tuple[int, int]:
+    width, _, height = text.lower().partition("x")
+    if not (width.isascii() and width.isdigit() and height.isascii() and height.isdigit()):
+        raise argparse.ArgumentTypeError(f"expected a size in px such as 640x480, got '{text}'")
+    return int(width), int(height)
+
+
+def _exports(text: str) -> tuple[str, ...]:
+    kinds = tuple(dict.fromkeys(text.split(",")))
+    for kind in kinds:
+        if kind not in EXPORTS:
+            raise argparse.ArgumentTypeError(f"expected exports of {choices(EXPORTS)}, got {nearest(kind, EXPORTS)}")
+    return kinds
+
+
+def _whole(text: str) -> int:
+    if not text.isascii() or not text.isdigit():
+        raise argparse.ArgumentTypeError(f"expected a whole number of 0 or more, got '{text}'")
+    return int(text)
+
+
+def _number_or_nan(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
 
 
 def _count(text: str) -> int:

@@ -21,7 +21,7 @@ from simulator.errors import InputError
 from simulator.wording import choices, nearest
 
 LOAD_SHAPES = ("POLY345", "RAMP", "STEP", "HILLY", "RAMPHOLD")
-SEGMENTS = ("linear", "geometric", "quarter_sin")
+SEGMENTS = ("linear", "geometric", "quarter_sin", "smooth")
 
 _HILLY_OMEGA = 4 * 3.14159  # NiftySim's own digits of pi: its results depend on them
 
@@ -105,6 +105,10 @@ class KeyFrames:
     | linear      | v0 + (v1 - v0) s            |
     | geometric   | v0 (v1 / v0)^s              |
     | quarter_sin | v0 + (v1 - v0) sin(pi/2 s)  |
+    | smooth      | v0 + (v1 - v0) (10 s^3 - 15 s^4 + 6 s^5) |
+
+    The smooth segment, which starts and ends at rest, is the movement of least jerk (Flash and Hogan 1985), as jaws
+    make it; the others are the thesis's.
 
     Parameters
     ----------
@@ -156,6 +160,8 @@ class KeyFrames:
                     value[inside] = v0 * np.exp(s * _log_ratio(v0, v1))
                 case "quarter_sin":
                     value[inside] = v0 + (v1 - v0) * np.sin(np.pi / 2 * s)
+                case "smooth":
+                    value[inside] = v0 + (v1 - v0) * s**3 * (10 - 15 * s + 6 * s**2)
         return value[()]
 
     def rate(self, t_s):
@@ -174,7 +180,26 @@ class KeyFrames:
                     rate[inside] = v0 * np.exp(s * _log_ratio(v0, v1)) * _log_ratio(v0, v1) / (t1 - t0)
                 case "quarter_sin":
                     rate[inside] = (v1 - v0) / (t1 - t0) * np.pi / 2 * np.cos(np.pi / 2 * s)
+                case "smooth":
+                    rate[inside] = (v1 - v0) / (t1 - t0) * 30 * s**2 * (1 - s) ** 2
         return rate[()]
+
+    def quiet_until(self, t_s: float) -> float:
+        """Time up to which the value stays what it is at `t_s`, s; `t_s` itself while it changes, inf after the end."""
+        until = t_s
+        for i, time in enumerate(self.times_s):
+            if time <= until:
+                continue
+            if i > 0 and self.values[i] != self.values[i - 1]:
+                return until
+            until = time
+        return math.inf
+
+
+def quiet_until(curve: object, t_s: float) -> float:
+    """`curve.quiet_until(t_s)`, or `t_s` where the curve has no such method and may change at any time."""
+    method = getattr(curve, "quiet_until", None)
+    return t_s if method is None else method(t_s)
 
 
 def read_key_frames(path: str | Path) -> KeyFrames:

@@ -21,7 +21,7 @@ import numpy as np
 
 from simulator.atomic import whole_file
 from simulator.errors import InputError
-from simulator.motion import ENERGIES, Motion, Stop
+from simulator.motion import ENERGIES, Motion, SalivaRecord, Stop
 
 if TYPE_CHECKING:
     from simulator.model import Model
@@ -60,7 +60,7 @@ def write_motion(motion: Motion, model: Model, path: str | Path, provenance: Map
                 "hourglass": model.hourglass,
                 "duration_s": model.duration_s,
                 "provenance": json.dumps(
-                    {**(provenance or {}), "versions": _versions()}, default=_plain, sort_keys=True
+                    {**(provenance or {}), "versions": versions()}, default=_plain, sort_keys=True
                 ),
                 "settings": json.dumps(motion.settings, default=_plain, sort_keys=True),
             }
@@ -79,6 +79,9 @@ def write_motion(motion: Motion, model: Model, path: str | Path, provenance: Map
         _dataset(file, "material_of", model.material_of)
         for name, values in motion.energies.items():
             _dataset(file, f"energies/{name}", values, "J")
+        if motion.saliva is not None:
+            for one in dataclasses.fields(motion.saliva):
+                _dataset(file, f"saliva/{one.name}", getattr(motion.saliva, one.name))
         for index, material in enumerate(model.materials):
             group = file.create_group(f"materials/{index}")
             group.attrs["law"] = type(material).__name__
@@ -105,6 +108,9 @@ def load_motion(path: str | Path) -> Motion:
             stopped=None if stopped is None else Stop(**json.loads(stopped)),
             settings=json.loads(file.attrs["settings"]),
             velocities=file["velocities"][()] if "velocities" in file else None,
+            saliva=SalivaRecord(**{name: file["saliva"][name][()] for name in file["saliva"]})
+            if "saliva" in file
+            else None,
         )
 
 
@@ -145,6 +151,7 @@ def write_vtk(
     model: Model,
     path: str | Path,
     tick: Callable[[Sequence], Sequence] = lambda frames: frames,
+    cell_data: Mapping[str, np.ndarray] | None = None,
 ) -> list[Path]:
     """Write a motion for ParaView: a collection `path` (.pvd) with the time of each state, and its states (.vtu).
 
@@ -157,6 +164,7 @@ def write_vtk(
     motion, model : the result of a run and what was run
     path : the collection, ending .pvd
     tick : wraps the frame numbers, for a progress bar
+    cell_data : more values in the elements, name -> (T, E) or (T, E, K)
 
     Returns
     -------
@@ -164,11 +172,34 @@ def write_vtk(
 
     Raises
     ------
-    InputError : a place that cannot be written to
+    InputError : shapes that do not fit, or a place that cannot be written to
+    """
+    material = np.broadcast_to(model.material_of, (len(motion.time_s), len(model.elements)))
+    cells = {"material": material, **(cell_data or {})}
+    return write_states(path, motion, model.elements, model.element_type, cells, tick)
+
+
+def write_states(
+    path: str | Path,
+    motion: Motion,
+    elements: np.ndarray,
+    element_type: str,
+    cell_data: Mapping[str, np.ndarray],
+    tick: Callable[[Sequence], Sequence] = lambda frames: frames,
+) -> list[Path]:
+    """Write a motion of any elements for ParaView; as `write_vtk`, with all cell data given: name -> (T, E) or
+    (T, E, K).
+
+    Raises
+    ------
+    InputError : shapes that do not fit, or a place that cannot be written to
     """
     path = Path(path)
     folder = path.with_name(f"{path.stem}_vtu")
     files = [folder / f"{path.stem}_{frame:05d}.vtu" for frame in range(len(motion.time_s))]
+    for name, values in cell_data.items():
+        if len(values) != len(files):
+            raise InputError(f"expected {len(files)} states of cell data '{name}', got {len(values)}")
     for frame in tick(range(len(files))):
         point_data = {"displacement": motion.positions[frame] - motion.nodes}
         if motion.velocities is not None:
@@ -176,10 +207,10 @@ def write_vtk(
         write_vtu(
             files[frame],
             motion.positions[frame],
-            model.elements,
-            model.element_type,
+            elements,
+            element_type,
             point_data,
-            {"material": model.material_of},
+            {name: values[frame] for name, values in cell_data.items()},
             motion.time_s[frame],
         )
     write_pvd(path, files, motion.time_s)
@@ -319,12 +350,13 @@ def _opened(path: str | Path) -> Iterator:
         raise InputError(f"expected a file of a simulated motion, got {path}: {' '.join(str(error).split())}") from None
 
 
-def _versions() -> dict[str, str]:
-    versions = {}
+def versions() -> dict[str, str]:
+    """Name -> version of the packages that results depend on."""
+    found = {}
     for name in ("lipmetrics", "numba", "numpy"):
         with suppress(PackageNotFoundError):  # run from a source folder
-            versions[name] = version(name)
-    return versions
+            found[name] = version(name)
+    return found
 
 
 def _energy_order(name: str) -> int:

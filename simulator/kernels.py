@@ -12,6 +12,7 @@ import numpy as np
 from numba import njit
 from numba.extending import overload
 
+from simulator.film import pull_film
 from simulator.simd import (
     gather,
     inverse_cbrt,
@@ -41,18 +42,19 @@ CONSTANTS = {"H8": 9 + 9 + 2 + 1 + 12, "T4": 9 + 2, "T4ANP": 9 + 2 + 2}
 HISTORY = 9  # per viscous term: 1 isochoric or 0 volumetric, two factors of the update, six stresses
 
 # Rows of the log, one column per step.
-LOG_KINETIC, LOG_DAMPING, LOG_EXTERNAL, LOG_LOWEST_J = range(4)
-LOG_ROWS = 4
+LOG_KINETIC, LOG_DAMPING, LOG_SALIVA, LOG_EXTERNAL, LOG_LOWEST_J = range(5)
+LOG_ROWS = 5
 
 # Why `advance` came back.
 DONE, INVERTED, ENERGY_GREW = range(3)
 
-# Damping and external work so far, most external work, sums m du^2 and m du du_old, and what to multiply the work of
-# the next step by: 1, or old over new step where it has just changed, as increments were scaled to the new.
-LEDGER = 6
+# Damping and external work so far, most external work, sums m du^2 and m du du_old, what to multiply the work of the
+# next step by (1, or old over new step where it has just changed, as increments were scaled to the new), and the
+# saliva's work so far.
+LEDGER = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0])  # at the start
 # What a part reports of a step: places in its 16 doubles, two cache lines.
 STATS = 16
-SQUARE, PRODUCT, LOWEST_J, WORK = range(4)
+SQUARE, PRODUCT, LOWEST_J, WORK, GLUE = range(5)
 
 
 class H8Elements(NamedTuple):
@@ -814,17 +816,18 @@ def internal_forces(elements, nodes):
 
 @njit(cache=True, nogil=True)
 def advance(
-    elements, nodes, loads, curves, gravity, column, steps, thread, threads, arrived, scheme, ledger, log, stats
+    elements, nodes, loads, film, curves, gravity, column, steps, thread, threads, arrived, scheme, ledger, log, stats
 ):
     """Do up to `steps` steps as one of `threads` threads that all call this at once; return reason and steps done.
 
     Parameters
     ----------
+    film : film.Film, its moisture right at the first step
     curves : (curves, columns) load factors; column `column` is the present step
     gravity : (columns, 8) acceleration of all nodes, m/s2, each x, y, z, 0 twice
     arrived : (1,) int64, 0 at the start
     scheme : keep = (1 - alpha dt/2) / (1 + alpha dt/2), alpha (1/s), dt (s), energy tolerance, energy floor (J)
-    ledger : (LEDGER,) running sums, updated
+    ledger : running sums as LEDGER, updated
     log : (LOG_ROWS, steps) filled
     stats : (2, P, STATS) scratch
     """
@@ -832,7 +835,7 @@ def advance(
     parts = nodes.forces.shape[0]
     first, last = thread * parts // threads, (thread + 1) * parts // threads
     lost, done_work, most, square, product = ledger[0], ledger[1], ledger[2], ledger[3], ledger[4]
-    rescale = ledger[5]
+    rescale, glued = ledger[5], ledger[6]
     scratch = np.empty(GROUP * KEPT * lanes(elements.constants), elements.constants.dtype)
     meeting = 0
     reason = DONE
@@ -846,6 +849,7 @@ def advance(
         for part in range(first, last):
             mine = stats[parity, part]
             mine[LOWEST_J] = 1e30
+            mine[GLUE] = pull_film(film, nodes, part, step * dt, dt)
             mine[WORK] = _push_faces(loads, nodes, part, curves, at)
             if averages_pressure(elements):
                 mine[LOWEST_J] = element_pressures(elements, nodes, part)
@@ -874,23 +878,26 @@ def advance(
         meet(arrived, threads, meeting)
 
         # Every thread adds up the same numbers in the same order, so all of them take the same decision.
-        low, work = 1e30, 0.0
+        low, work, glue = 1e30, 0.0, 0.0
         old_square, old_product = square, product
         square, product = 0.0, 0.0
         for part in range(parts):
             mine = stats[parity, part]
             low = min(low, mine[LOWEST_J])
             work += mine[WORK]
+            glue += mine[GLUE]
             square += mine[SQUARE]
             product += mine[PRODUCT]
         kinetic = product / (2.0 * dt * dt)
         lost += rescale * damping / (4.0 * dt) * (2.0 * old_square + product + old_product)
         done_work += rescale * work
+        glued += rescale * glue
         rescale = 1.0
         most = max(most, done_work)
         if thread == 0:
             log[LOG_KINETIC, step], log[LOG_DAMPING, step] = kinetic, lost
             log[LOG_EXTERNAL, step], log[LOG_LOWEST_J, step] = done_work, low
+            log[LOG_SALIVA, step] = glued
         done += 1
         if not (kinetic + lost <= tolerance * most + floor):
             reason = ENERGY_GREW
@@ -900,7 +907,7 @@ def advance(
             break
     if thread == 0:
         ledger[0], ledger[1], ledger[2], ledger[3], ledger[4] = lost, done_work, most, square, product
-        ledger[5] = rescale
+        ledger[5], ledger[6] = rescale, glued
     return reason, done
 
 

@@ -1,7 +1,7 @@
 """Constitutive laws: strain energy psi and first Piola-Kirchhoff stress P of a deformation gradient F.
 
 Written in plain numpy so that each formula can be checked against its docstring. The compiled laws in
-simulator/stress.py are tested against these.
+simulator/kernels.py are tested against these.
 
 Notation: C = F^T F, J = det F, E = (C - I) / 2, S = F^-1 P (second Piola-Kirchhoff stress). F has shape (..., 3, 3).
 """

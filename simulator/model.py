@@ -14,6 +14,7 @@ import numpy as np
 from simulator.elements import NODES_OF, volumes
 from simulator.errors import InputError
 from simulator.materials import Material, NeoHookean, StVenantKirchhoff, ViscoNeoHookean
+from simulator.saliva import Saliva
 
 __all__ = [
     "Displacement",
@@ -160,6 +161,7 @@ class Model:
     output_every : steps between saved states when `solve` is given no times; None saves 100 states
     outputs : names of the quantities a file format asks to be written
     free_bodies : allow parts that can move without deforming
+    saliva : elements that follow the law of `simulator.saliva` with the moduli of their material
 
     Raises
     ------
@@ -179,6 +181,7 @@ class Model:
     output_every: int | None = None
     outputs: tuple[str, ...] = field(default=("U",))
     free_bodies: bool = False
+    saliva: Saliva | None = None
 
     def __post_init__(self):
         nodes, elements = np.array(self.nodes, dtype=float), np.array(self.elements)
@@ -188,6 +191,7 @@ class Model:
         _check_materials(material_of, self.materials, len(elements))
         for load in self.loads:
             _check_load_nodes(load, len(nodes))
+        _check_saliva(self, elements)
         _check_numbers(self)
         _set(
             self,
@@ -247,6 +251,15 @@ def _check_materials(material_of: np.ndarray, materials: tuple, n_elements: int)
     if outside.any():
         e = _first(outside)
         raise InputError(f"expected materials 0 to {len(materials) - 1}, got {material_of[e]} for element {e}")
+
+
+def _check_saliva(model: Model, elements: np.ndarray) -> None:
+    if model.saliva is None:
+        return
+    if model.element_type != "H8":
+        raise InputError(f"expected saliva in a mesh of H8 elements, got {model.element_type}")
+    if not (model.saliva.elements.min() >= 0 and model.saliva.elements.max() < len(elements)):
+        raise InputError(f"expected saliva elements 0 to {len(elements) - 1}, got {model.saliva.elements.max()}")
 
 
 def _check_load_nodes(load: Load, n_nodes: int) -> None:

@@ -7,6 +7,7 @@ until it is dry.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,9 +43,32 @@ class Lick:
         object.__setattr__(self, "saliva", saliva)
 
 
-def dried(moisture: np.ndarray, rate_per_s: np.ndarray, elapsed_s: float) -> np.ndarray:
+def dried(moisture: np.ndarray, rate_per_s: np.ndarray, elapsed_s: np.ndarray | float) -> np.ndarray:
     """M(t) / Mc = max(0, M0 / Mc - rate t), thesis eq. 3.66; arrays of one shape, rate over Mc in 1/s."""
     return np.maximum(0.0, moisture - rate_per_s * elapsed_s)
+
+
+def wetted(moisture: np.ndarray, rate_per_s: np.ndarray, licks: Sequence[Lick], time_s: float) -> np.ndarray:
+    """M / Mc (S,) at a time, after all licks up to then; `moisture` is that at time 0. Arguments as in Saliva."""
+    now, since = np.array(moisture), np.zeros(len(moisture))
+    for lick in licks:
+        if lick.time_s <= time_s:
+            now[lick.saliva], since[lick.saliva] = lick.moisture, lick.time_s
+    return dried(now, rate_per_s, time_s - since)
+
+
+def next_change_s(
+    moisture: np.ndarray, rate_per_s: np.ndarray, strength: np.ndarray, stretch_squared: np.ndarray, broken: np.ndarray
+) -> float:
+    """Time until drying alone next breaks an element that is held at Q, or lets a broken one stick, s; inf if never.
+
+    Arguments are (S,), moisture that of now; `broken` marks elements that lie against one another.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        least = np.where(stretch_squared > 1, (stretch_squared - 1) / strength, -1.0)  # M / Mc at which Z = Q
+        target = np.where(broken, 1.0, least)
+        wait = np.where((moisture > target) & (target >= 0), (moisture - target) / rate_per_s, np.inf)
+    return float(np.min(wait, initial=math.inf))
 
 
 def critical(moisture: np.ndarray, strength: np.ndarray) -> np.ndarray:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-ENERGIES = ("kinetic_j", "elastic_j", "hourglass_j", "damping_j", "external_j", "residual_j")
+ENERGIES = ("kinetic_j", "elastic_j", "hourglass_j", "damping_j", "saliva_j", "external_j", "residual_j")
 
 
 @dataclass(frozen=True)
@@ -64,8 +64,9 @@ class Motion:
     positions : (T, N, 3) m
     nodes : (N, 3) positions at rest, m
     energies : name -> (T,) J, the names of `ENERGIES`: kinetic, elastic and hourglass energy held at that time, energy
-        taken by damping and done by external forces and prescribed displacements since the start, and the residual
-        kinetic + elastic + hourglass + damping - external, which is 0 but for the error of the time stepping
+        taken by damping and by the saliva and done by external forces and prescribed displacements since the start,
+        and the residual kinetic + elastic + hourglass + damping + saliva - external, which is 0 but for the error of
+        the time stepping
     dt_s : time step, s
     steps : number of steps done
     stopped : why the run ended early, or None

@@ -14,11 +14,13 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from simulator.elements import CORNERS
 from simulator.errors import InputError
 from simulator.wording import choices, nearest
 
-SKIN, LIPS, SALIVA = 0, 1, 2  # groups of elements
-GROUPS = ("skin", "lips", "saliva")
+SKIN, LIPS, SALIVA, COMMISSURE = 0, 1, 2, 3  # groups of elements
+GROUPS = ("skin", "lips", "saliva", "corners")
+CORNER_M = 0.001  # where the row of the line is thinner than this beyond the saliva, it is the fibrous corner
 
 # Columns from corner to corner, columns of each cheek, rows above and below the line of the mouth: 870, 3,422 and
 # 13,680 elements, where the thesis has 852, 3,414 and 13,680 (table 4.1).
@@ -69,7 +71,7 @@ class Mouth:
     ----------
     nodes : (N, 3) m
     elements : (E, 8) hexahedra; corners 0-3 lie on the inner, 4-7 on the outer surface
-    group : (E,) SKIN, LIPS or SALIVA
+    group : (E,) SKIN, LIPS, SALIVA, or COMMISSURE, the thin firm tissue that holds the lips together at their ends
     saliva : (S,) saliva elements along the lips, from negative to positive x
     upper, lower : (S + 1, 2) nodes of the lips' edges, column by column along the saliva: [:, 0] outer, [:, 1] inner
     outer, inner : (Q, 4) the outer and the inner surface as quads, row q of both belongs to element q;
@@ -108,7 +110,7 @@ def mouth_mesh(shape: MouthShape | None = None, resolution: str = "medium") -> M
 
     Raises
     ------
-    InputError : unknown resolution, or lengths that do not make a face
+    InputError : unknown resolution, or lengths that do not make a face, each alone or together
     """
     shape = shape or MouthShape()
     _check(shape)
@@ -125,11 +127,15 @@ def mouth_mesh(shape: MouthShape | None = None, resolution: str = "medium") -> M
     in_line = (row == rows).ravel() & (column >= beside).ravel() & (column < beside + across).ravel()
     border = border_distance(shape, x, y).ravel()
     group = np.where(border[faces].mean(axis=1) > 0, LIPS, SKIN)
+    height = (outer[faces[:, 2:], 1] - outer[faces[:, :2][:, ::-1], 1]).mean(axis=1)
+    group[(row == rows).ravel() & (height < CORNER_M)] = COMMISSURE
     group[in_line] = SALIVA
     edge = rows * per_row + beside + np.arange(across + 1)
+    nodes, elements = np.concatenate([inner, outer]), np.concatenate([faces, faces + count], axis=1)
+    _check_elements(nodes, elements)
     return Mouth(
-        nodes=np.concatenate([inner, outer]),
-        elements=np.concatenate([faces, faces + count], axis=1),
+        nodes=nodes,
+        elements=elements,
         group=group,
         saliva=np.flatnonzero(in_line),
         upper=np.stack([count + edge + per_row, edge + per_row], axis=1),
@@ -224,6 +230,43 @@ def _lip_profile(d: np.ndarray) -> np.ndarray:
 def _step(value: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     t = np.clip((value - low) / (high - low), 0, 1)
     return t * t * (3 - 2 * t)
+
+
+FLATTEST = 0.1  # corner quality of an element, below which a geometry is refused
+
+
+def corner_quality(nodes: np.ndarray, elements: np.ndarray) -> np.ndarray:
+    """(E,) the lowest corner Jacobian over the lengths of its three edges: 1 in a box, 0 where flat, below 0 inverted.
+
+    A layer extruded along z passes through itself nowhere, on either surface, if all are above 0.
+    """
+    lowest = np.full(len(elements), np.inf)
+    X = nodes.T[:, elements]
+    for corner in range(8):
+        # The corners at the other ends of the edges along xi, eta and zeta.
+        (a, b, c), signs = _NEIGHBOURS[corner], -CORNERS[corner]
+        u, v, w = ((X[:, :, end] - X[:, :, corner]) * sign for end, sign in zip((a, b, c), signs, strict=True))
+        volume = (
+            u[0] * (v[1] * w[2] - v[2] * w[1]) + u[1] * (v[2] * w[0] - v[0] * w[2]) + u[2] * (v[0] * w[1] - v[1] * w[0])
+        )
+        lengths = np.sqrt((u * u).sum(axis=0) * (v * v).sum(axis=0) * (w * w).sum(axis=0))
+        lowest = np.minimum(lowest, volume / np.maximum(lengths, 1e-300))
+    return lowest
+
+
+_NEIGHBOURS = ((1, 3, 4), (0, 2, 5), (3, 1, 6), (2, 0, 7), (5, 7, 0), (4, 6, 1), (7, 5, 2), (6, 4, 3))
+
+
+def _check_elements(nodes: np.ndarray, elements: np.ndarray) -> None:
+    quality = corner_quality(nodes, elements)
+    worst = int(np.argmin(quality))
+    if quality[worst] < FLATTEST:
+        x, y, _ = nodes[elements[worst]].mean(axis=0) * 1e3
+        raise InputError(
+            f"impossible geometry: expected elements with corner Jacobians of {FLATTEST} or more, got "
+            f"{quality[worst]:.2g} at x = {x:.1f}, y = {y:.1f} mm; let the lips and the chin stand out less, or make "
+            "the lips higher"
+        )
 
 
 def _check(shape: MouthShape) -> None:

@@ -18,16 +18,15 @@ import cv2
 import numpy as np
 
 from simulator import raster, shade
+from simulator.aperture import SEEN_M, LipEdges, lip_edges, visible
 from simulator.camera import Camera
-from simulator.closing import shown_positions
-from simulator.elements import shape_gradients
 from simulator.errors import InputError
 from simulator.inside import colours_of, jaw_matrix, rows_of, teeth_table, tongue_of
 from simulator.look import Look, to_linear, to_srgb
-from simulator.motion import BROKEN, Motion
+from simulator.motion import BROKEN, INTACT, Motion
 from simulator.mouth import LIPS, SALIVA, Mouth
+from simulator.stress import von_mises
 from simulator.texture import skin_texture
-from simulator.vonmises import von_mises
 from simulator.wording import choices, nearest
 
 MODES = ("picture", "wireframe", "stress")
@@ -96,7 +95,7 @@ def _frames(motion, mouth, camera, look, times_s, frame_rate, mode, scalars, jaw
     top = None
     if mode == "stress":
         if scalars is None:
-            scalars = np.array([stage.stress(p) for p in motion.positions])
+            scalars = np.nan_to_num(von_mises(mouth, motion.positions))
         tissue = mouth.group != SALIVA
         top = float(np.max(scalars[:, tissue] if scalars.shape[1] == len(tissue) else scalars)) or 1.0
     half = look.sensor.shutter / frame_rate / 2
@@ -186,7 +185,12 @@ class Stage:
 
     def __init__(self, mouth: Mouth, camera: Camera, look: Look, mode: str = "picture"):
         self.mouth, self.camera, self.look, self.mode = mouth, camera, look, mode
-        self.gradients = None
+        self.broken = np.full(len(mouth.saliva), BROKEN)
+        self.rest_lips = self._lips(mouth.nodes)
+        # from row and column to places along and across the mouth, as the truth has it, and back
+        corners = camera.project(self.rest_lips[:, [0, -1], 0].mean(axis=0))
+        row, column = (corners[1] - corners[0]) / np.linalg.norm(corners[1] - corners[0])
+        self.along = np.array([[row, column], [column, -row]])
         self._canvases: queue.SimpleQueue = queue.SimpleQueue()
         self._build()
         if mode == "picture":
@@ -292,12 +296,6 @@ class Stage:
         self.view[0, 4], self.view[1, 4] = camera.px_per_m, camera.distance_m
         self.view[0, 5], self.view[1, 5] = (camera.height_px - 1) / 2, (camera.width_px - 1) / 2
 
-    def stress(self, positions: np.ndarray) -> np.ndarray:
-        """(E,) Pa, the von Mises stress of every element."""
-        if self.gradients is None:
-            self.gradients = shape_gradients(self.mouth.nodes, self.mouth.elements)
-        return von_mises(self.mouth, positions, gradients=self.gradients)
-
     def draw(
         self,
         positions: np.ndarray,
@@ -320,31 +318,28 @@ class Stage:
         frame : number of the frame, of which the noise depends
         scalars : (E,) or (N,), shown in mode "stress" from 0 to `top`
         """
-        state = np.full(len(self.mouth.saliva), BROKEN) if state is None else np.asarray(state)
-        if state.shape != self.mouth.saliva.shape:
-            raise InputError(
-                f"expected one state for each of {len(self.mouth.saliva)} saliva elements, got {state.shape}"
-            )
+        state = self._state(state)
         canvas = self._canvas()
-        shown = shown_positions(self.mouth, positions)
+        shown = self._shown(positions)
         if self.mode == "wireframe":
             return self._wireframe(shown, state)
         if self.mode == "stress":
-            values = self.stress(positions) if scalars is None else np.asarray(scalars, float)
-            linear = self._stressed(canvas, shown, state, values, top)
+            if scalars is None:
+                scalars = np.nan_to_num(von_mises(self.mouth, np.asarray(positions)[None])[0])
+            values = np.asarray(scalars, float)
+            linear = self._stressed(canvas, positions, shown, state, values, top)
             picture = to_srgb(linear).round().astype(np.uint8)
         else:
-            linear = self._linear(canvas, shown, state, during, jaw_matrix(jaw))
+            linear = self._linear(canvas, positions, shown, state, during, jaw_matrix(jaw))
             picture = self._developed(linear, frame)
         self._canvases.put(canvas)
         return picture
 
     def cover(self, positions: np.ndarray, state: np.ndarray | None = None) -> np.ndarray:
         """(H, W) float32, the exact share of every pixel through which one sees into the mouth; no effects, no blur."""
-        shown = shown_positions(self.mouth, positions)
-        state = np.full(len(self.mouth.saliva), BROKEN) if state is None else np.asarray(state)
+        state = self._state(state)
         canvas = self._canvas()
-        self._cover(canvas, self._edges(shown)[None], np.where(state == BROKEN, 0.0, 1.0))
+        self._cover(canvas, self._lips(positions)[:, None], state, clear=0.0)
         hole = canvas["hole"].copy()
         self._canvases.put(canvas)
         return hole
@@ -361,7 +356,7 @@ class Stage:
         return {
             "nearest": np.empty(size, np.float32),
             "owner": np.empty(size, np.int32),
-            "bary": np.empty((*size, 2), np.float32),
+            "bary": np.zeros((*size, 2), np.float32),
             "tissue": np.empty((*size, 3), np.float32),
             "moved": np.zeros((*size, 2), np.float32),
             "far": np.empty(size, np.int32),
@@ -394,68 +389,91 @@ class Stage:
         raster.draw_triangles(places, seen[:, 2], self.triangles, canvas["nearest"], canvas["owner"], canvas["bary"])
         return places
 
-    def _edges(self, shown: np.ndarray) -> np.ndarray:
-        """(4, S + 1, 3) of the lips' edges, m: upper outer, upper inner, lower outer, lower inner."""
-        mouth = self.mouth
-        return np.stack([shown[nodes] for nodes in (*mouth.upper.T, *mouth.lower.T)])
-
-    def _cover(self, canvas: dict, edges: np.ndarray, opacity: np.ndarray) -> tuple[int, int, int, int]:
-        """Fill hole and film: mean over places of the lips' edges (M, 4, S + 1, 3); return a box around them."""
-        height, width = canvas["hole"].shape
-        roll = math.radians(self.camera.roll_deg)
-        cos, sin = math.cos(roll), math.sin(roll)
-        middle = (height - 1) / 2, (width - 1) / 2
-        hole, film = canvas["cover"]
-        places = self.camera.project(edges)
-        low, high = places.min(axis=(0, 1, 2)), places.max(axis=(0, 1, 2))
-        y, x = places[..., 0] - middle[0], places[..., 1] - middle[1]
-        # turned back so that columns run along the lips, which do not fold
-        upright = np.stack([middle[0] + cos * y - sin * x, middle[1] + cos * x + sin * y], axis=-1)
-        upright[..., 1] = np.maximum.accumulate(upright[..., 1], axis=2)
-        ends = (upright[:, 0, :, 1] + upright[:, 2, :, 1]) / 2
-        breaks = np.sort(np.concatenate([upright[..., 1].reshape(len(edges), -1), ends], axis=1), axis=1)
-        for m in range(len(edges)):
-            raster.add_opening(
-                upright[m], ends[m], breaks[m], opacity, cos, sin, *middle, 1 / len(edges), canvas["cover"]
+    def _state(self, state: np.ndarray | None) -> np.ndarray:
+        state = np.full(len(self.mouth.saliva), BROKEN) if state is None else np.asarray(state)
+        if state.shape != self.mouth.saliva.shape:
+            raise InputError(
+                f"expected one state for each of {len(self.mouth.saliva)} saliva elements, got {state.shape}"
             )
-        box = (
-            max(int(low[0]) - 1, 0),
-            min(int(high[0]) + 3, height),
-            max(int(low[1]) - 1, 0),
-            min(int(high[1]) + 3, width),
-        )
-        if box[0] >= box[1] or box[2] >= box[3]:
-            box = (0, 0, 0, 0)
+        return state
+
+    def _lips(self, positions: np.ndarray) -> np.ndarray:
+        """(2, S + 1, 2, 3) of the upper and the lower lip's edges, m, with the film between them."""
+        return np.stack([np.asarray(positions)[nodes] for nodes in (self.mouth.upper, self.mouth.lower)])
+
+    def _edges(self, lips: np.ndarray, state: np.ndarray) -> LipEdges:
+        """Lips' edges (2, M, S + 1, 2, 3) as they are seen."""
+        return lip_edges(*lips, *self.rest_lips, np.broadcast_to(state, (lips.shape[1], len(state))))
+
+    def _shown(self, positions: np.ndarray) -> np.ndarray:
+        """Positions (N, 3), m, with the lips' edges nearer to each other by the film, which belongs to the lips."""
+        edges = self._edges(self._lips(positions)[:, None], self.broken)
+        shown = np.array(positions, float)
+        shown[self.mouth.upper], shown[self.mouth.lower] = edges.upper[0], edges.lower[0]
+        return shown
+
+    def _cover(self, canvas: dict, lips: np.ndarray, state: np.ndarray, clear: float) -> tuple[int, int, int, int]:
+        """Fill hole and film: the mean over places of the lips' edges (2, M, S + 1, 2, 3); return a box around them.
+
+        The hole is what the truth calls open. Between it and the lips hangs saliva that is stretched, through which
+        one sees a share `clear`.
+        """
+        height, width = canvas["hole"].shape
+        cover, hole, film = canvas["cover"], canvas["hole"], canvas["film"]
         old = canvas.get("box", (0, 0, 0, 0))
-        canvas["hole"][old[0] : old[1]] = 0
-        canvas["film"][old[0] : old[1]] = 0
-        raster.sum_cover(hole, box[:2], canvas["hole"])
-        raster.sum_cover(film, box[:2], canvas["film"])
+        hole[old[0] : old[1]] = 0
+        film[old[0] : old[1]] = 0
+        low, high = np.full(2, np.inf), np.full(2, -np.inf)
+        glued = bool((state == INTACT).any())
+        for layer, states in ((0, state), (1, self.broken)):
+            if layer == 1 and not glued:
+                continue
+            edges = self._edges(lips, states)
+            turned = self.camera.project(np.stack([edges.upper, edges.lower])) @ self.along
+            pieces = visible(turned[0], turned[1], edges.loose, SEEN_M * self.camera.px_per_m)
+            points = pieces.points @ self.along
+            if len(points):
+                low, high = np.minimum(low, points.min(axis=0)), np.maximum(high, points.max(axis=0))
+                # the corners run clockwise
+                raster.add_polygons(points, pieces.start, -1 / lips.shape[1], cover[layer])
+        if not (low < high).all():
+            low = high = np.full(2, -10.0)
+        rows = max(int(low[0]) - 1, 0), min(int(high[0]) + 3, height)
+        columns = max(int(low[1]) - 1, 0), min(int(high[1]) + 3, width)
+        box = (*rows, *columns) if rows[0] < rows[1] and columns[0] < columns[1] else (0, 0, 0, 0)
         canvas["box"] = box
+        raster.sum_cover(cover[0], box[:2], hole)
+        if glued:
+            raster.sum_cover(cover[1], box[:2], film)
+            part = np.s_[box[0] : box[1], box[2] : box[3]]
+            between = np.maximum(film[part] - hole[part], 0)
+            hole[part] += clear * between
+            film[part] = (1 - clear) * between
         return box
 
-    def _opacity(self, state: np.ndarray, gap: np.ndarray) -> np.ndarray:
-        """(S,) of the saliva in each element; it grows clear as it is drawn out."""
-        height = (gap[:-1] + gap[1:]) / 2
-        return np.where(state == BROKEN, 0.0, self.look.skin.film * np.exp(-np.maximum(height - 0.0015, 0) / 0.003))
+    def _clear(self, state: np.ndarray, gap_m: np.ndarray) -> float:
+        """Share of the light that goes through stretched saliva: more where it is drawn out."""
+        held = state == INTACT
+        drawn_m = float(((gap_m[:-1] + gap_m[1:]) / 2)[held].mean()) if held.any() else 0.0
+        return 1 - self.look.skin.film * math.exp(-max(drawn_m - 0.0015, 0.0) / 0.003)
 
-    def _linear(self, canvas, shown, state, during, jaw) -> np.ndarray:
+    def _linear(self, canvas, positions, shown, state, during, jaw) -> np.ndarray:
         mouth, sensor = self.mouth, self.look.sensor
         places = self._raster(canvas, shown)
         velocity, samples = np.zeros_like(places), 1
-        edges = self._edges(shown)[None]
+        lips = self._lips(positions)[:, None]
         if during is not None:
-            begin, end = (shown_positions(mouth, p) for p in during)
-            velocity = self._project(self.camera.seen(self._vertices(end)))
-            velocity -= self._project(self.camera.seen(self._vertices(begin)))
+            velocity = self._project(self.camera.seen(self._vertices(self._shown(during[1]))))
+            velocity -= self._project(self.camera.seen(self._vertices(self._shown(during[0]))))
             farthest = float(np.abs(velocity).max())
             if farthest > 0.3:
                 samples = min(int(farthest) + 2, sensor.samples)
                 # the lips' edges take little work, so they have more places
                 share = (np.arange(2 * samples)[:, None, None, None] + 0.5) / (2 * samples)
-                edges = self._edges(begin) + share * (self._edges(end) - self._edges(begin))
+                begin, end = (self._lips(p)[:, None] for p in during)
+                lips = begin + share * (end - begin)
         gap = np.linalg.norm(shown[mouth.upper[:, 0]] - shown[mouth.lower[:, 0]], axis=1)
-        box = self._cover(canvas, edges, self._opacity(state, gap))
+        box = self._cover(canvas, lips, state, self._clear(state, gap))
         attributes = canvas["attributes"]
         attributes[:, :3] = canvas["normals"]
         closed = np.exp(-gap / 0.0008)
@@ -517,7 +535,7 @@ class Stage:
             picture = np.ascontiguousarray(cv2.imdecode(data, cv2.IMREAD_COLOR)[..., ::-1])
         return picture
 
-    def _stressed(self, canvas, shown, state, values, top) -> np.ndarray:
+    def _stressed(self, canvas, positions, shown, state, values, top) -> np.ndarray:
         """Linear light of a mouth whose surface shows numbers as colours."""
         mouth = self.mouth
         if values.shape == (len(mouth.elements),):
@@ -534,7 +552,7 @@ class Stage:
         on = values[self.nodes] / (top or float(np.max(np.abs(values))) or 1.0)
         on = np.concatenate([on, on[self.rim]])
         gap = np.linalg.norm(shown[mouth.upper[:, 0]] - shown[mouth.lower[:, 0]], axis=1)
-        box = self._cover(canvas, self._edges(shown)[None], self._opacity(state, gap))
+        box = self._cover(canvas, self._lips(positions)[:, None], state, self._clear(state, gap))
         tissue, owner = canvas["tissue"], canvas["owner"]
         tissue[:] = self.backdrop[:, None]
         t = self.triangles[np.maximum(owner, 0)]

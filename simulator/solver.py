@@ -16,11 +16,12 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from simulator import assembly, checkpoint, kernels, timestep
+from simulator import assembly, checkpoint, film, kernels, moisture, timestep
+from simulator.curves import quiet_until
 from simulator.errors import InputError, Interrupted
 from simulator.interruption import deferred_signals
 from simulator.model import Model
-from simulator.motion import ENERGIES, Motion, Stop
+from simulator.motion import BROKEN, ENERGIES, STICKING, Motion, SalivaRecord, Stop
 from simulator.partition import Partition, partition
 from simulator.stability import check_supports, diagnose
 from simulator.threads import ThreadChoice
@@ -31,6 +32,9 @@ SAVED_STATES = 100  # where neither the caller nor the model says
 ENERGY_TOLERANCE = 1.1  # kinetic and damped energy over the external work, above which a run is unstable
 ENERGY_FLOOR = 1e-10  # of the modulus times the volume of the body: below, energies are rounding error
 RESIDUAL_TOLERANCE = 0.05  # of the largest external work, at a saved state
+CALM_STATES = 2
+CALM_FORCE = 1e-3  # share of its force that a broken saliva element may still have
+CALM_M_S = 1e-5  # largest nodal speed of a body at rest, twice in a row; what is left to come is a millionth of a mouth
 RESTARTS = 6  # times a run with dt "auto" may go back to the last saved state and halve its step
 
 
@@ -111,7 +115,9 @@ class _State:
 
     arrays : nodal records and loads' memories, in storage order
     dt, base_s, step : the present time is base_s + step dt
+    calm : saved states in a row at which nothing moved
     frames : saved positions; time_s, energies : rows of the result; energies lag one step behind their state
+    glue : (S, 4) state, stretch, moisture and Z of the saliva at each saved state
     velocities : saved velocities where asked for; until the energies of the last state are known, its mean velocity
         over the step before
     """
@@ -122,11 +128,13 @@ class _State:
     step: int = 0
     steps: int = 0
     next_output: int = 0
-    ledger: np.ndarray = field(default_factory=lambda: np.append(np.zeros(kernels.LEDGER - 1), 1.0))
+    calm: int = 0
+    ledger: np.ndarray = field(default_factory=kernels.LEDGER.copy)
     time_s: list = field(default_factory=list)
     frames: list = field(default_factory=list)
     energies: list = field(default_factory=list)
     velocities: list = field(default_factory=list)
+    glue: list = field(default_factory=list)
 
     def copy(self) -> _State:
         values = {one.name: getattr(self, one.name) for one in fields(self)}
@@ -142,8 +150,8 @@ class _State:
     def from_arrays(values: dict[str, np.ndarray]) -> _State:
         """The state that `to_arrays` gave."""
         arrays = {name.removeprefix("array_"): values[name] for name in values if name.startswith("array_")}
-        numbers = {name: values[name].item() for name in ("dt", "base_s", "step", "steps", "next_output")}
-        lists = {name: list(values[name]) for name in ("time_s", "frames", "energies", "velocities")}
+        numbers = {name: values[name].item() for name in ("dt", "base_s", "step", "steps", "next_output", "calm")}
+        lists = {name: list(values[name]) for name in ("time_s", "frames", "energies", "velocities", "glue")}
         return _State(arrays, ledger=values["ledger"], **numbers, **lists)
 
 
@@ -159,15 +167,22 @@ class _Run:
         self.parts: Partition = partition(model.elements, assembly.laws(model), len(model.nodes))
         fixed, moved = assembly.constrained(model)
         self.auto = model.dt_s == "auto"
-        self.stable_dt = timestep.stable_step(model, self.mass, ~(fixed | moved)) if self.auto else math.nan
+        free = ~(fixed | moved)
+        self.stable_dt = timestep.stable_step(model, self.mass, free) if self.auto else math.nan
+        self.tissue_dt = self.stable_dt
+        if self.auto and model.saliva is not None:
+            self.tissue_dt = max(self.stable_dt, timestep.stable_step(model, self.mass, free, saliva=False))
         self.limit = min(self.safety * self.stable_dt, model.duration_s) if self.auto else model.dt_s
         self.times = _output_times(model, times, self.limit)
         self.loads, self.curves, self.gravities = assembly.load_arrays(model, self.parts, self.mass)
+        self.film, self.film_order = assembly.film_arrays(model, self.parts)
+        self.events = [] if model.saliva is None else sorted({lick.time_s for lick in model.saliva.licks})
         self.energy_arrays = assembly.energy_arrays(model)
         volume = assembly.geometry.volumes(model.nodes, model.elements)
         modulus = np.array([material.wave_modulus_pa for material in model.materials])[model.material_of]
         self.floor = ENERGY_FLOOR * float(volume @ modulus)
         self.added_mass = float(self.mass.sum() / assembly.masses(model).sum() - 1)
+        self.skipped_s = 0.0
         self.stop: Stop | None = None
         self.restarts = 0
         self.residual_tolerance = RESIDUAL_TOLERANCE
@@ -202,6 +217,7 @@ class _Run:
             "history": self.elements.history,
             "reaction": self.loads.reaction,
             "face_force": self.loads.face_force,
+            "film": self.film.memory,
         }
 
     def load_state(self, state: _State) -> None:
@@ -276,27 +292,38 @@ class _Run:
         interval = self.times[state.next_output] - self.time
         if interval <= 0:
             return
-        limit = self.limit / self._stiffening()
+        limit = self.limit * self._shortening()
         dt = interval / math.ceil(interval / limit - 1e-9)
         if not limit / 2 < state.dt <= limit or abs(interval / state.dt - round(interval / state.dt)) > 1e-6:
             self._change_step(dt)
 
-    def _stiffening(self) -> float:
-        """How much faster than at rest waves cross the most squeezed element, 1 or more."""
-        return kernels.largest_area_stretch(*self.energy_arrays[:3], self._stored("u"))
+    def _shortening(self) -> float:
+        """What part of the stable step at rest is left, as waves cross the most squeezed element faster.
+
+        With K + (s^2 - 1) K_tissue in place of K, s the largest stretch of area, the largest frequency is at most
+        omega^2 + (s^2 - 1) omega_tissue^2; saliva does not stiffen.
+        """
+        stretch = kernels.largest_area_stretch(*self.energy_arrays[:3], self._stored("u"))
+        return 1 / math.sqrt(1 + (stretch**2 - 1) * (self.stable_dt / self.tissue_dt) ** 2)
 
     # -- steps --
 
     def advance(self, choice: ThreadChoice, pool: ThreadPoolExecutor) -> None:
         """Do a stretch of steps: to the next saved state, the end of a block of load factors, or a blow-up."""
         state = self.state
+        resting = state.calm >= CALM_STATES
+        if resting and len(state.energies) == len(state.time_s):
+            state.calm = 0
+            self._pass_over_rest()
+            return
         curves, gravity = self._load_table(state.step // BLOCK)
         column = state.step % BLOCK + 1
         steps = BLOCK - state.step % BLOCK
         # After the last saved state one more step makes its energies known.
         steps = min(steps, self._output_step() - state.step) if state.next_output < len(self.times) else 1
-        if self.velocities and len(state.energies) < len(state.time_s):
-            steps = 1  # the next increment completes the velocity of the saved state
+        steps = self._wet(steps)
+        if (self.velocities or resting) and len(state.energies) < len(state.time_s):
+            steps = 1  # the next increment completes the velocity and the energies of the saved state
         count, steps = choice.next(steps)
         log = np.empty((kernels.LOG_ROWS, steps))
         reason, done = self._steps(pool, count, curves, gravity, column, steps, log)
@@ -316,7 +343,7 @@ class _Run:
 
         def run(thread):
             return kernels.advance(
-                self.elements, self.nodes, self.loads, curves, gravity, column, steps, thread, count, *common
+                self.elements, self.nodes, self.loads, self.film, curves, gravity, column, steps, thread, count, *common
             )
 
         others = [pool.submit(run, thread) for thread in range(1, count)]
@@ -346,6 +373,82 @@ class _Run:
             self._table, self._table_of = (factors, gravity), block
         return self._table
 
+    # -- saliva --
+
+    def _wet(self, steps: int) -> int:
+        """Set the saliva's moisture for a stretch of steps from now on; return how many until the next lick."""
+        saliva = self.model.saliva
+        if saliva is None:
+            return steps
+        self.film.moisture[:] = moisture.wetted(
+            saliva.moisture, saliva.drying_per_s, saliva.licks, self.time + self.state.dt / 2
+        )[self.film_order]
+        ahead = [time for time in self.events if time > self.time + self.state.dt / 2]
+        return min(steps, max(1, round((ahead[0] - self.time) / self.state.dt))) if ahead else steps
+
+    def _glue(self, time_s: float) -> np.ndarray:
+        """(S, 4) state, stretch, moisture and Z of the saliva; its state is that of its last forces."""
+        saliva, memory = self.model.saliva, self.film.memory
+        rows = np.empty((len(memory), 4))
+        if saliva is not None:
+            rows[self.film_order, 0] = memory[:, film.STATE]
+            rows[self.film_order, 1] = np.sqrt(memory[:, film.Q_NOW])
+            rows[:, 2] = moisture.wetted(saliva.moisture, saliva.drying_per_s, saliva.licks, time_s)
+            rows[:, 3] = moisture.critical(rows[:, 2], saliva.strength)
+        return rows
+
+    # -- rest --
+
+    def _count_calm(self) -> None:
+        """Note at a saved state whether all is still while no load changes."""
+        state = self.state
+        fastest = float(np.abs(state.arrays["du"][:, :3]).max()) / state.dt
+        quiet = all(quiet_until(curve, self.time) > self.time for curve in self.curves)
+        if self.velocities or not quiet or not fastest <= CALM_M_S:
+            state.calm = 0
+        else:
+            state.calm = CALM_STATES if fastest == 0 else state.calm + 1
+
+    def _pass_over_rest(self) -> None:
+        """Go on to the next time at which a load, a lick or drying changes anything; states in between are the last."""
+        state, now = self.state, self.time
+        until = min([self.times[-1], *(quiet_until(curve, now) for curve in self.curves)])
+        until = min([until, *(time for time in self.events if time > now), now + self._saliva_rests_for()])
+        if self.auto:
+            passed = self.times[state.next_output :] <= until
+        else:
+            steps = state.step + math.floor((until - now) / state.dt)
+            passed = np.round((self.times[state.next_output :] - state.base_s) / state.dt) <= steps
+        if not passed.any():
+            return
+        for time in self.times[state.next_output :][passed]:
+            state.time_s.append(float(time))
+            state.frames.append(state.frames[-1])
+            state.glue.append(self._glue(float(time)))
+            state.energies.append(state.energies[-1])
+        state.next_output += int(passed.sum())
+        self.film.memory[:, film.SINCE] += until - now
+        if self.auto:
+            state.base_s, state.step = until, 0
+            self._table_of = None
+            self._step_for_interval()
+            self.last_good = state.copy()
+        else:
+            state.step = steps
+        self.skipped_s += self.time - now
+
+    def _saliva_rests_for(self) -> float:
+        """How long the saliva, left alone, goes on as it is, s."""
+        saliva, memory = self.model.saliva, self.film.memory
+        if saliva is None:
+            return math.inf
+        broken = memory[:, film.STATE] == BROKEN
+        if (memory[:, film.STATE] == STICKING).any() or (memory[broken, film.LEFT] > CALM_FORCE).any():
+            return 0.0
+        return moisture.next_change_s(
+            memory[:, film.MOISTURE_NOW], self.film.drying, self.film.strength, memory[:, film.Q_NOW], broken
+        )
+
     # -- saved states --
 
     def _stored(self, name: str) -> np.ndarray:
@@ -362,6 +465,7 @@ class _Run:
         u = self._stored("u")
         state.time_s.append(self.time)
         state.frames.append(self.model.nodes + u)
+        state.glue.append(self._glue(self.time))
         if self.velocities:
             state.velocities.append(self._stored("du") / state.dt)
         if state.step == 0 and state.base_s == 0:
@@ -369,6 +473,7 @@ class _Run:
         state.next_output += 1
         while state.next_output < len(self.times) and self._output_step() <= state.step:
             state.next_output += 1  # times closer together than a step
+        self._count_calm()
         self._step_for_interval()
 
     def _close_energies(self, logged: np.ndarray) -> int:
@@ -380,12 +485,13 @@ class _Run:
             logged[kernels.LOG_DAMPING],
             logged[kernels.LOG_EXTERNAL],
         )
-        residual = kinetic + elastic + hourglass + damping - external
+        saliva = logged[kernels.LOG_SALIVA]
+        residual = kinetic + elastic + hourglass + damping + saliva - external
         most = max(state.ledger[2], self.floor)
         tolerance = self.residual_tolerance * most + self.floor
         if self._conservative and not abs(residual) <= tolerance:
             return kernels.ENERGY_GREW
-        state.energies.append((kinetic, elastic, hourglass, damping, external, residual))
+        state.energies.append((kinetic, elastic, hourglass, damping, saliva, external, residual))
         if self.velocities:
             state.velocities[-1] = (state.velocities[-1] + self._stored("du") / state.dt) / 2
         if self.auto:
@@ -429,9 +535,18 @@ class _Run:
                 "stable_dt_s": None if math.isnan(self.stable_dt) else self.stable_dt,
                 "added_mass": self.added_mass,
                 "restarts": self.restarts,
+                "passed_over_s": float(self.skipped_s),
             },
             velocities=np.array(state.velocities[:known]).reshape(shape) if self.velocities else None,
+            saliva=self._record(known),
         )
+
+    def _record(self, known: int) -> SalivaRecord | None:
+        if self.model.saliva is None:
+            return None
+        elements = self.model.saliva.elements
+        rows = np.array(self.state.glue[:known]).reshape(known, len(elements), 4)
+        return SalivaRecord(elements, rows[..., 0].astype(np.uint8), *(rows[..., i].copy() for i in (1, 2, 3)))
 
 
 def _output_times(model: Model, times: Sequence[float] | None, dt: float) -> np.ndarray:

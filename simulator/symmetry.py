@@ -13,7 +13,9 @@ from scipy.spatial import cKDTree
 
 from simulator.errors import InputError
 from simulator.model import Displacement, Fixed, Force, Gravity, Model, Pressure
-from simulator.motion import Motion
+from simulator.moisture import Lick
+from simulator.motion import Motion, SalivaRecord
+from simulator.saliva import Saliva
 
 _TOLERANCE = 1e-6  # of the size of the body
 
@@ -28,6 +30,8 @@ class Half:
     kept : (n,) number in the whole model of each node of the half
     axis : the plane is at right angles to it
     partner : (N,) for each node of the whole its mirror image
+    whole : (N, 3) nodes of the whole at rest, m
+    saliva : element numbers of the whole's saliva (S,), and (S,) where the half has each one or its image; or None
     """
 
     model: Model
@@ -35,6 +39,7 @@ class Half:
     axis: int
     partner: np.ndarray
     whole: np.ndarray
+    saliva: tuple[np.ndarray, np.ndarray] | None = None
 
     def mirrored(self, motion: Motion) -> Motion:
         """The motion of the whole model; energies are those of both halves."""
@@ -53,6 +58,15 @@ class Half:
             velocities=None if motion.velocities is None else both(motion.velocities),
             nodes=self.whole,
             energies={name: 2 * values for name, values in motion.energies.items()},
+            saliva=self._whole_record(motion.saliva),
+        )
+
+    def _whole_record(self, record: SalivaRecord | None) -> SalivaRecord | None:
+        if record is None:
+            return None
+        elements, at = self.saliva
+        return SalivaRecord(
+            elements, *(getattr(record, name)[:, at] for name in ("state", "stretch", "moisture", "critical"))
         )
 
 
@@ -82,14 +96,16 @@ def half(model: Model, axis: int = 0, at_m: float = 0.0) -> Half:
     on_plane = np.abs(X[kept, axis] - at_m) <= tolerance
     loads = [_half_load(load, number, partner, axis, np.abs(X[:, axis] - at_m) <= tolerance) for load in model.loads]
     plane = Fixed(np.flatnonzero(on_plane), (axis,))
+    saliva, places = _half_saliva(model, partner, right)
     part = dataclasses.replace(
         model,
+        saliva=saliva,
         nodes=X[kept],
         elements=number[model.elements[right]],
         material_of=model.material_of[right],
         loads=(plane, *(load for load in loads if load is not None)),
     )
-    return Half(part, kept, axis, partner, X)
+    return Half(part, kept, axis, partner, X, places)
 
 
 def _partners(model: Model, image: np.ndarray, tolerance: float, axis: int, at_m: float) -> np.ndarray:
@@ -122,6 +138,39 @@ def _check_elements(model: Model, partner: np.ndarray, right: np.ndarray, left: 
                 f"expected a mirror-symmetric mesh, got element {e} whose image is missing or of another material; "
                 "solve the whole model"
             )
+
+
+def _half_saliva(model: Model, partner: np.ndarray, right: np.ndarray):
+    """The saliva of the half, its elements renumbered, and `Half.saliva`."""
+    saliva = model.saliva
+    if saliva is None:
+        return None, None
+    by_nodes = {tuple(sorted(model.elements[e])): s for s, e in enumerate(saliva.elements.tolist())}
+    twin = np.array(
+        [by_nodes.get(tuple(sorted(partner[model.elements[e]])), -1) for e in saliva.elements.tolist()], np.int64
+    )
+    values = np.stack([saliva.strength, saliva.moisture, saliva.drying_per_s], axis=1)
+    if (twin < 0).any() or not np.allclose(values, values[twin], rtol=1e-9, atol=0):
+        raise InputError("expected mirror-symmetric saliva, got other elements or values; solve the whole model")
+    for lick in saliva.licks:
+        if set(twin[lick.saliva].tolist()) != set(lick.saliva.tolist()):
+            raise InputError(f"expected mirror-symmetric licks, got another at {lick.time_s} s; solve the whole model")
+    kept = np.flatnonzero(right[saliva.elements])
+    row = np.full(len(twin), -1)
+    row[kept] = np.arange(len(kept))
+    number = np.cumsum(right) - 1
+    licks = tuple(Lick(lick.time_s, row[lick.saliva[row[lick.saliva] >= 0]], lick.moisture) for lick in saliva.licks)
+    part = Saliva(
+        number[saliva.elements[kept]],
+        saliva.up[kept],
+        saliva.strength[kept],
+        saliva.moisture[kept],
+        saliva.drying_per_s[kept],
+        licks,
+        saliva.decay_s,
+        saliva.ramp_s,
+    )
+    return part, (saliva.elements, np.where(row >= 0, row, row[twin]))
 
 
 def _half_load(load, number: np.ndarray, partner: np.ndarray, axis: int, on_plane: np.ndarray):

@@ -3,6 +3,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import simulator
 from lipmetrics.cli import main as lipmetrics
 from simulator import assembly, checkpoint, cli
 from simulator.export import load_motion
+from simulator.scene import load_scene, scene_names, scene_text
 
 MODEL = """<Model>
   <Nodes DOF="3" NumNodes="8">
@@ -247,3 +249,171 @@ def test_the_package_offers_its_verbs(model):
     assert set(simulator.__all__) <= set(dir(simulator))
     with pytest.raises(AttributeError, match="nothing"):
         _ = simulator.nothing
+
+
+# -- scenes -----------------------------------------------------------------------------------------------------------
+
+SCENE = """
+about = "A blink of an opening"
+duration_s = 0.02
+[face]
+resolution = "low"
+[output]
+frame_rate = 100
+[camera]
+width_px = 64
+height_px = 48
+[[saliva.patch]]
+from_m = 0.0
+stickiness = 9
+[[muscle]]
+name = "jaw"
+keys = [[0.0, 0.0], [0.02, 0.1]]
+"""
+
+
+@pytest.fixture
+def scene(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "blink.toml"
+    path.write_text(SCENE)
+    return path
+
+
+@pytest.fixture
+def simulate(capsys):
+    """Run `simulate ARGUMENTS`; returns exit code, stdout and stderr."""
+
+    def simulate(*arguments):
+        try:
+            code = cli.main([*map(str, arguments)])
+        except SystemExit as stop:
+            code = stop.code
+        return code, *capsys.readouterr()
+
+    return simulate
+
+
+def test_a_scene_to_its_files(simulate, scene, tmp_path):
+    code, out, err = simulate("blink.toml", "--truth-only", "--threads", "1")
+    assert (code, err) == (0, "")
+    assert out.startswith("blink: 3 frames, stickiness 7, ") and out.count("\n") == 1
+    files = {path.name for path in (tmp_path / "blink").iterdir()}
+    assert {"blink.scene.toml", "blink.h5", "blink.frames.csv", "blink.clip.json"} < files
+    assert not any(name.startswith(".") or "checkpoint" in name for name in files)
+    motion = load_motion(tmp_path / "blink" / "blink.h5")
+    np.testing.assert_allclose(motion.time_s, [0, 0.01, 0.02], atol=1e-12)
+    assert motion.saliva.state.shape == (3, 30)
+
+
+def test_choices_reach_the_scene_and_every_level_has_its_clip(simulate, scene, tmp_path):
+    words = ("--stickiness", "0,7.5", "--frame-rate", "50", "--size", "80x60", "--seed", "5", "--dt", "4e-5")
+    code, out, _ = simulate(scene, "--truth-only", "-o", tmp_path / "out", *words, "--precision", "float64", "--json")
+    summary = json.loads(out)
+    assert code == 0 and summary["models"] == summary["failed"] == []
+    assert [one["name"] for one in summary["clips"]] == ["blink_0", "blink_7.5"]
+    assert [one["frames"] for one in summary["clips"]] == [2, 2]
+    assert all(Path(name).exists() for one in summary["clips"] for name in one["files"])
+    used = load_scene(tmp_path / "out" / "blink_7.5.scene.toml")
+    assert (used.saliva.stickiness, used.output.frame_rate, used.seed) == (7.5, 50, 5)
+    assert used.saliva.patch[0].stickiness == pytest.approx(9 * 7.5 / 7)
+    assert (used.camera.width_px, used.camera.height_px) == (80, 60)
+    assert (used.solve.dt_s, used.solve.precision) == (4e-5, "float64")
+    again, _, _ = simulate(tmp_path / "out" / "blink_7.5.scene.toml", "--truth-only", "-o", tmp_path / "again")
+    first, second = ((tmp_path / name / "blink_7.5.h5").read_bytes() for name in ("out", "again"))
+    assert again == 0 and first == second
+
+
+def test_scenes_among_models_and_bad_ones(simulate, scene, model, tmp_path):
+    (tmp_path / "bad.toml").write_text("duration = 1")
+    code, out, err = simulate("bad.toml", scene, model, "--threads", "1", "-o", tmp_path / "out", "--truth-only")
+    assert code == 3 and "2 of 3 clips made" in out
+    assert err == "simulate: bad.toml: expected a known key, got 'duration'; did you mean 'duration_s'?\n"
+    assert (tmp_path / "out" / "cube.h5").exists() and (tmp_path / "out" / "blink.h5").exists()
+    code, out, _ = simulate("bad.toml", "none.toml", "--json")
+    assert code == 2 and [one["source"] for one in json.loads(out)["failed"]] == ["bad.toml", "none.toml"]
+    assert not (tmp_path / "bad").exists()
+
+
+def test_a_scene_that_blows_up_keeps_what_it_has(simulate, scene, tmp_path):
+    scene.write_text(SCENE.replace("0.02", "0.2"))
+    code, out, err = simulate(scene, "--dt", "0.002", "--truth-only")
+    assert code == 3 and out == "" and err.count("\n") == 1
+    assert "stopped at" in err and "the states before are kept in blink/blink.unfinished.h5" in err
+    assert load_motion(tmp_path / "blink" / "blink.unfinished.h5").stopped is not None
+    assert not (tmp_path / "blink" / "blink.h5").exists()
+
+
+def test_the_built_in_scenes_are_listed_and_printed(simulate, tmp_path):
+    code, out, _ = simulate("--list")
+    assert code == 0 and len(out.splitlines()) == len(scene_names()) == 14
+    assert "slow_open        The mouth opens slowly and wide" in out
+    assert set(json.loads(simulate("--list", "--json")[1])["scenes"]) == set(scene_names())
+    code, out, _ = simulate("--print", "mummy")
+    assert code == 0 and out == scene_text("mummy")
+    (tmp_path / "mummy.toml").write_text(out)
+    assert load_scene(tmp_path / "mummy.toml") == load_scene("mummy")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["slow_opne"], "got 'slow_opne'; did you mean 'slow_open'?"),
+        (["--print", "slow_opne"], "expected a built-in scene of double_opening, "),
+        (["none.toml"], "none.toml: No such file"),
+        (["m", "--stickiness", "x"], "expected levels from 0 to 10 such as 7 or 0,4,7,10, got 'x'"),
+        (["m", "--stickiness", "-3"], "expected"),
+        (["m", "--stickiness", "1e9"], "m: expected a stickiness from 0 to 10"),
+        (["m", "--size", "640"], "expected a size in px such as 640x480, got '640'"),
+        (["m", "--size", "100000x10"], "expected width_px as a whole number from 16 to 8192, got 100000"),
+        (["m", "--seed", "-1"], "expected a whole number of 0 or more, got '-1'"),
+        (["m", "--export", "obj,gtlf"], "expected exports of obj, pc2, gltf or vtu, got 'gtlf'; did you mean 'gltf'?"),
+        (["m", "--frame-rate", "1e6"], "expected frame_rate from 1 to 10000 per second, got 1e+06"),
+        (["m", "--frame-rate", "nan"], "expected a number above 0, got 'nan'"),
+        (["m", "--resolution", "huge"], "invalid choice: 'huge'"),
+        (["m", "m"], "got 2 named 'm'"),
+        (["m", "--vtu"], "expected models to go with --vtu, got a scene: m; use --export vtu"),
+        (["cube.xml", "-o", "out", "--truth-only"], "expected scenes to go with --truth-only, got a model: cube.xml"),
+        (["cube.xml"], "the following arguments are required: -o/--out"),
+        (["m", "--resume"], "m: expected the checkpoint of an interrupted run in m/m.checkpoint.npz, got no such file"),
+    ],
+)
+def test_bad_arguments_of_scenes_are_one_line(simulate, model, monkeypatch, arguments, message):
+    monkeypatch.chdir(model.parent)
+    code, out, err = simulate(*arguments)
+    assert code == 2 and out == "" and message in err and err.count("\n") == 1
+
+
+def test_only_xml_is_taken_for_a_model(tmp_path):
+    for name, text, is_model in (
+        ("a.xml", "", True),
+        ("b.toml", "<Model>", False),
+        ("c", "\ufeff \n<Model>", True),
+        ("d", "duration_s = 1", False),
+    ):
+        (tmp_path / name).write_text(text, encoding="utf-8")
+        assert cli._is_model(str(tmp_path / name)) is is_model
+    assert cli._is_model("none.xml") and not cli._is_model("slow_open")
+
+
+def test_choices_of_the_command_line_are_those_of_the_modules():
+    from simulator import clip, mouth
+
+    assert tuple(mouth.RESOLUTIONS) == cli.RESOLUTIONS and clip.EXPORTS == cli.EXPORTS
+
+
+def test_the_verbs_are_not_hidden_by_their_modules():
+    code = (
+        "import simulator.render, simulator.simulate, simulator.truth, simulator; from simulator import render; "
+        "assert callable(simulator.simulate) and callable(simulator.truth) and callable(render)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_lipmetrics_lists_the_commands_of_the_simulator(tmp_path, capsys):
+    with pytest.raises(SystemExit):
+        lipmetrics(["--help"])
+    out = capsys.readouterr().out
+    assert "ground-truth clips of sticky mouths" in out and "replay a simulated clip" in out
+    assert lipmetrics(["view", str(tmp_path), "--no-browser"]) == 2
+    assert "expected a page" in capsys.readouterr().err

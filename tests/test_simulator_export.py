@@ -1,12 +1,11 @@
-import base64
 import dataclasses
 import json
 import xml.etree.ElementTree as ElementTree
-import zlib
 
 import h5py
 import numpy as np
 import pytest
+from vtu import read_vtu
 
 from simulator import export
 from simulator.errors import InputError
@@ -148,37 +147,6 @@ def test_a_failed_write_leaves_the_file_before(tmp_path, model, motion):
 # -- VTK --------------------------------------------------------------------------------------------------------------
 
 
-def read_array(node):
-    """One DataArray by the book: VTK file formats, compressed binary with a header of UInt64."""
-    text = node.text.strip()
-    size = np.dtype("<u8").itemsize
-    blocks = int(np.frombuffer(base64.b64decode(text[:12]), "<u8", 1)[0])
-    header_chars = 4 * -(-(3 + blocks) * size // 3)
-    header = np.frombuffer(base64.b64decode(text[:header_chars]), "<u8")
-    assert header[0] == blocks and len(header) == 3 + blocks and header[2] < header[1]
-    data, raw, start = base64.b64decode(text[header_chars:], validate=True), b"", 0
-    for i, length in enumerate(header[3:]):
-        block = zlib.decompress(data[start : start + int(length)])
-        last = i == blocks - 1 and header[2] > 0
-        assert len(block) == (header[2] if last else header[1])
-        raw, start = raw + block, start + int(length)
-    assert start == len(data)
-    kind, name = node.attrib["type"], node.attrib["Name"]
-    values = np.frombuffer(raw, {"Float64": "<f8", "Float32": "<f4", "Int64": "<i8", "UInt8": "u1"}[kind])
-    components = int(node.attrib.get("NumberOfComponents", 1))
-    return name, values.reshape(-1, components) if components > 1 else values
-
-
-def read_vtu(path):
-    root = ElementTree.parse(path).getroot()
-    assert root.attrib["type"] == "UnstructuredGrid" and root.attrib["header_type"] == "UInt64"
-    piece = root.find("UnstructuredGrid/Piece")
-    sections = {name: dict(map(read_array, piece.find(name))) for name in ("Points", "Cells", "PointData", "CellData")}
-    counts = {name: int(piece.attrib[name]) for name in ("NumberOfPoints", "NumberOfCells")}
-    field = root.find("UnstructuredGrid/FieldData")
-    return sections, counts, {} if field is None else dict(map(read_array, field))
-
-
 @pytest.mark.parametrize("element_type, cell", [("H8", 12), ("T4", 10), ("T4ANP", 10)])
 def test_vtu_holds_every_number(tmp_path, rng, element_type, cell):
     corners = 8 if element_type == "H8" else 4
@@ -226,6 +194,20 @@ def test_a_series_with_its_times(tmp_path, model, motion):
         assert np.array_equal(sections["PointData"]["displacement"], motion.displacements[frame])
         assert sections["CellData"]["material"].tolist() == [1, 0]
         assert field["TimeValue"].tolist() == [motion.time_s[frame]]
+
+
+def test_a_series_with_values_in_the_elements(tmp_path, model, motion, rng):
+    cells = {"stress": rng.normal(size=(3, 2)), "fibre": rng.normal(size=(3, 2, 3))}
+    files = export.write_vtk(motion, model, tmp_path / "smile.pvd", cell_data=cells)
+    for frame, file in enumerate(files[1:]):
+        (sections, *_) = read_vtu(file)
+        assert sections["CellData"]["material"].tolist() == [1, 0]
+        for name, values in cells.items():
+            assert np.array_equal(sections["CellData"][name], values[frame])
+    with pytest.raises(InputError, match="expected 3 states of cell data 'stress', got 2"):
+        export.write_vtk(motion, model, tmp_path / "smile.pvd", cell_data={"stress": np.zeros((2, 2))})
+    with pytest.raises(InputError, match="expected 2 values of CellData 'stress', got 5"):
+        export.write_vtk(motion, model, tmp_path / "smile.pvd", cell_data={"stress": np.zeros((3, 5))})
 
 
 def test_meshio_reads_the_same(tmp_path, model, motion):

@@ -63,8 +63,9 @@ def test_compressed_frames_are_near_and_in_order():
         error = np.abs(np.subtract(back, frames, dtype=int)).mean()
         assert error < near
     # each is nearest to its own
-    back = list(compressed(iter(frames), 25, 12))
-    assert [np.argmin([np.abs(b.astype(int) - f).mean() for f in frames]) for b in back] == list(range(9))
+    frames = [np.full((64, 96, 3), 40 + 20 * k, np.uint8) for k in range(9)]
+    back = list(compressed(iter(frames), 25, 20))
+    assert [b.mean() for b in back] == pytest.approx([f.mean() for f in frames], abs=3)
 
 
 def test_nothing_half_written(tmp_path):

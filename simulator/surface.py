@@ -1,0 +1,169 @@
+"""The surface of a mouth for display and for animators: what is seen of it, with closed lips that look closed.
+
+The film of saliva has a thickness at rest, and would show as a slit between closed lips. On display it belongs to the
+lips: their edges are moved towards each other by half of it. The surface is the outer and the inner surface without
+the saliva, the lips' walls that face each other, and the rim of the sheet; it is closed, each edge has two quads.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from simulator.errors import InputError
+from simulator.motion import Motion
+from simulator.mouth import LIPS, SALIVA, SKIN, Mouth
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """Quads of a mouth that stay the same over time.
+
+    Parameters
+    ----------
+    quads : (Q, 4) vertices, counter-clockwise seen from outside; skin first, then lips; the first use of each vertex
+        is in the order of their numbers, so that programs which number vertices anew number them the same
+    groups : (Q,) SKIN or LIPS
+    element_of : (Q,) element that each quad is a side of
+    nodes : (V,) node of the mouth that each vertex is
+    """
+
+    quads: np.ndarray
+    groups: np.ndarray
+    element_of: np.ndarray
+    nodes: np.ndarray
+
+    def vertex_of(self, nodes: np.ndarray) -> np.ndarray:
+        """Vertices of `nodes`, same shape; -1 where a node is inside the body."""
+        number = np.full(max(int(self.nodes.max()), int(np.max(nodes))) + 1, -1)
+        number[self.nodes] = np.arange(len(self.nodes))
+        return number[nodes]
+
+
+def display_surface(mouth: Mouth) -> Surface:
+    """The quads that are seen of a mouth."""
+    body = np.flatnonzero(mouth.group != SALIVA)
+    outside = mouth.outer[body]
+    # Each side of an outer quad that no neighbour shares carries a wall down to the inner surface.
+    start, end = outside.ravel(), np.roll(outside, -1, axis=1).ravel()
+    count = len(mouth.nodes)
+    shared = np.isin(start * count + end, end * count + start)
+    below = np.arange(count)
+    below[mouth.elements[:, 4:]] = mouth.elements[:, :4]
+    start, end, owner = start[~shared], end[~shared], np.repeat(body, 4)[~shared]
+    walls = np.stack([end, start, below[start], below[end]], axis=1)
+    on_edge = np.isin(walls, np.concatenate([mouth.upper, mouth.lower])).all(axis=1)
+    quads = np.concatenate([outside, mouth.inner[body], walls])
+    groups = np.concatenate([mouth.group[body], mouth.group[body], np.where(on_edge, LIPS, SKIN)])
+    element_of = np.concatenate([body, body, owner])
+    order = np.argsort(groups, kind="stable")
+    quads, groups, element_of = quads[order], groups[order], element_of[order]
+    nodes, first, inverse = np.unique(quads, return_index=True, return_inverse=True)
+    by_use = np.argsort(first)
+    number = np.empty(len(nodes), np.int64)
+    number[by_use] = np.arange(len(nodes))
+    return Surface(number[inverse.reshape(quads.shape)], groups, element_of, nodes[by_use])
+
+
+def display_positions(mouth: Mouth, positions: np.ndarray) -> np.ndarray:
+    """Where the vertices of `display_surface` are.
+
+    Facing nodes of the lips are moved towards each other by half of the film's thickness there at rest, along the line
+    that joins them; nearer ones meet in the middle.
+
+    Parameters
+    ----------
+    positions : (T, N, 3) m, of the nodes
+
+    Returns
+    -------
+    vertices : (T, V, 3) m
+
+    Raises
+    ------
+    InputError : a shape that does not fit
+    """
+    positions = np.asarray(positions)
+    if positions.ndim != 3 or positions.shape[1:] != mouth.nodes.shape:
+        raise InputError(f"expected positions of shape (T, {len(mouth.nodes)}, 3), got {positions.shape}")
+    moved = positions.copy()
+    above, below = positions[:, mouth.upper], positions[:, mouth.lower]
+    gap = above - below
+    height = np.linalg.norm(gap, axis=-1, keepdims=True)
+    film = np.linalg.norm(mouth.nodes[mouth.upper] - mouth.nodes[mouth.lower], axis=-1, keepdims=True)
+    share = 0.5 * film / np.maximum(height, np.maximum(film, np.finfo(float).tiny))
+    closed = height <= film * (1 + 1e-9)  # these meet to the last bit
+    moved[:, mouth.upper] = np.where(closed, (above + below) / 2, above - share * gap)
+    moved[:, mouth.lower] = np.where(closed, (above + below) / 2, below + share * gap)
+    return moved[:, display_surface(mouth).nodes]
+
+
+def display_frames(mouth: Mouth, motion: Motion, times_s: np.ndarray) -> np.ndarray:
+    """(F, V, 3) m, where the vertices of `display_surface` are at times (F,), s; linear between the saved ones.
+
+    Raises
+    ------
+    InputError : times that `between` refuses, or a position that is no number, as after a run that blew up
+    """
+    frames = display_positions(mouth, at_times(motion.time_s, motion.positions, times_s))
+    bad = ~np.isfinite(frames).all(axis=(1, 2))
+    if bad.any():
+        raise InputError(
+            f"expected positions that are numbers, got some that are not at {times_s[np.argmax(bad)]:g} s; "
+            "leave out the times from there on"
+        )
+    return np.asarray(frames, float)
+
+
+def at_times(saved_s: np.ndarray, values: np.ndarray, times_s: np.ndarray) -> np.ndarray:
+    """(F, ...) `values` (T, ...) of the saved times at other times (F,), s, linear between them.
+
+    Raises
+    ------
+    InputError : no times, not increasing, or beyond those saved
+    """
+    saved_s, times_s, values = np.asarray(saved_s, float), np.asarray(times_s, float), np.asarray(values)
+    before, share = between(saved_s, times_s)
+    share = share.reshape(-1, *[1] * (values.ndim - 1))
+    last = np.minimum(before + 1, len(saved_s) - 1)
+    return np.where(share == 0, values[before], (1 - share) * values[before] + share * values[last])
+
+
+def between(saved_s: np.ndarray, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(F,) saved state at or before each time, and (F,) how far it is to the next one, from 0 to below 1.
+
+    Raises
+    ------
+    InputError : no times, not increasing, or beyond those saved
+    """
+    saved_s, times_s = np.asarray(saved_s, float), np.asarray(times_s, float)
+    if not len(saved_s):
+        raise InputError("expected a motion with a saved state or more, got none; let it run longer")
+    if times_s.ndim != 1 or not len(times_s) or not np.all(np.diff(times_s) > 0):
+        raise InputError(f"expected one or more times that increase, s, got {_shown(times_s)}")
+    slack = 1e-9 * max(1.0, abs(saved_s[-1]))  # a time made of frame / rate
+    if times_s[0] < saved_s[0] - slack or times_s[-1] > saved_s[-1] + slack:
+        raise InputError(
+            f"expected times from {saved_s[0]:g} to {saved_s[-1]:g} s, those of the motion, got {_shown(times_s)}"
+        )
+    times_s = np.clip(times_s, saved_s[0], saved_s[-1])
+    before = np.searchsorted(saved_s, times_s, side="right") - 1
+    after = np.minimum(before + 1, len(saved_s) - 1)
+    length = np.where(after > before, saved_s[after] - saved_s[before], 1.0)
+    return before, (times_s - saved_s[before]) / length
+
+
+def vertex_normals(vertices: np.ndarray, quads: np.ndarray) -> np.ndarray:
+    """(..., V, 3) unit normals of vertices (..., V, 3): the mean of the quads (Q, 4) at each, weighted by area."""
+    corner = [vertices[..., quads[:, k], :] for k in range(4)]
+    twice_area = np.cross(corner[2] - corner[0], corner[3] - corner[1])
+    normals = np.zeros_like(vertices, dtype=float)
+    for k in range(4):
+        np.add.at(normals, (..., quads[:, k], slice(None)), twice_area)
+    length = np.linalg.norm(normals, axis=-1, keepdims=True)
+    return np.where(length > 0, normals / np.where(length > 0, length, 1.0), [0.0, 0.0, 1.0])
+
+
+def _shown(times_s: np.ndarray) -> str:
+    return f"{times_s.min():g} to {times_s.max():g} s" if times_s.size > 3 else str(times_s.tolist())
