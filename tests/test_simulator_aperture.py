@@ -120,6 +120,19 @@ def test_what_is_hidden_all_along_is_no_opening():
     assert len(pieces.frame) == 0 and len(pieces.points) == 0
 
 
+def test_what_is_nowhere_high_enough_is_no_opening():
+    upper, lower = flat([0.0] * 5, [0.0] * 5), flat([0.0, 0.1, 0.0, 0.3, 0.0], [0.0, 0.1, 0.0, 0.3, 0.0])
+    pieces = visible(upper, lower, np.ones((1, 4), bool), 0.2)
+    assert area(pieces) == pytest.approx([0.3])
+    np.testing.assert_array_equal(pieces.first, [2])
+
+
+def test_lines_that_part_at_a_corner_leave_no_stub():
+    upper, lower = flat([0.0, 0.0, 0.0], [0.0, 0.0, 1.0]), flat([2.0, 2.0, 2.0], [2.0, 2.0, 2.0])
+    pieces = visible(upper, lower, np.ones((1, 2), bool), 1e-3)
+    assert {tuple(p) for p in pieces.points} == {(0, 0), (1, 0), (2, 1), (2, 2), (1, 2), (0, 2)}
+
+
 @pytest.mark.parametrize("seed", range(8))
 def test_envelope_against_dense_sampling(seed):
     """Ragged edges, the inner one shifted as in a turned head; from the fifth on they also run backwards in places."""

@@ -12,7 +12,7 @@ import lipmetrics
 from lipmetrics.look import Look
 from lipmetrics.openings import Identities, measure_outline
 from lipmetrics.outline import fill_outlines
-from lipmetrics.profile import RATE_FORMULA, frame_row, opening_row, tables
+from lipmetrics.profile import RATE_FORMULA, frame_row, opening_row, rate_of_change, tables
 from simulator import tables as own_tables
 from simulator.camera import Camera
 from simulator.errors import InputError
@@ -226,7 +226,9 @@ def test_files_read_back_and_have_the_same_bytes(parted, parted_truth, tmp_path)
         here, there = (tmp_path / folder / f"clip.{ending}" for folder in "ac")
         assert here.read_bytes() == there.read_bytes()
 
-    saliva = pd.read_csv(tmp_path / "a" / "clip.saliva.csv.gz")
+    zipped = tmp_path / "a" / "clip.saliva.csv.gz"
+    assert zipped.read_bytes()[4:8] == bytes(4)  # no time of day
+    saliva = pd.read_csv(zipped)
     np.testing.assert_allclose(saliva["stretch"], parted_truth.saliva["stretch"], rtol=1e-6)
     metres = pd.read_csv(tmp_path / "a" / "clip.metres.frames.csv")
     np.testing.assert_allclose(metres["area_m2"], parted_truth.frames_m["area_m2"], rtol=1e-6)
@@ -244,20 +246,16 @@ def test_polygons_read_back(parted_truth, tmp_path):
     assert numbers == parted_truth.openings["opening"].tolist()
 
 
-def test_provenance_is_plain_json_whatever_the_solver_noted(parted):
+def test_provenance_is_plain_json_whatever_the_solver_noted(parted, tmp_path):
     mouth, motion = parted
     odd = {"dt": np.float64(1e-4), "licks": (np.arange(3),), "level": float("nan"), "of": Camera}
-    found = truth(dataclasses.replace(motion, settings=odd), mouth)
-    from simulator.truth import _json
-
-    solver = json.loads(_json(found.meta))["settings"]["solver"]
+    truth(dataclasses.replace(motion, settings=odd), mouth).save(tmp_path, "odd")
+    solver = json.loads((tmp_path / "odd.json").read_text())["settings"]["solver"]
     assert (solver["dt"], solver["licks"], solver["level"]) == (1e-4, [[0, 1, 2]], None)
 
 
 def test_rates_are_those_of_the_measurement():
     assert own_tables.RATE_FORMULA == RATE_FORMULA
-    from lipmetrics.profile import rate_of_change
-
     rng = np.random.default_rng(2)
     values, time_s = rng.normal(size=12), np.cumsum(rng.uniform(0.01, 0.1, 12))
     np.testing.assert_allclose(own_tables.rate_of_change(values, time_s), rate_of_change(values, time_s))
