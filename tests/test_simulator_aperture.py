@@ -129,7 +129,7 @@ def test_what_is_nowhere_high_enough_is_no_opening():
 
 def test_lines_that_part_at_a_corner_leave_no_stub():
     upper, lower = flat([0.0, 0.0, 0.0], [0.0, 0.0, 1.0]), flat([2.0, 2.0, 2.0], [2.0, 2.0, 2.0])
-    pieces = visible(upper, lower, np.ones((1, 2), bool), 1e-3)
+    pieces = visible(upper, lower, np.ones((1, 2), bool), 1e-9)
     assert {tuple(p) for p in pieces.points} == {(0, 0), (1, 0), (2, 1), (2, 2), (1, 2), (0, 2)}
 
 
