@@ -12,16 +12,19 @@ from numba import njit
 
 
 @njit(cache=True, nogil=True)
-def vertex_normals(points: np.ndarray, triangles: np.ndarray, weight: np.ndarray, normals: np.ndarray) -> None:
-    """Unit normals (V, 3) of points (V, 3): mean over the triangles (T, 3) at each, by area and weight (T,)."""
+def vertex_normals(points: np.ndarray, quads: np.ndarray, weight: np.ndarray, normals: np.ndarray) -> None:
+    """Unit normals (V, 3) of points (V, 3): mean over the quads (Q, 4) at each, by area and weight (Q,).
+
+    A quad's own normal is across its diagonals, so that none of them is favoured.
+    """
     normals[:] = 0.0
-    for t in range(len(triangles)):
-        i, j, k = triangles[t]
-        ax, ay, az = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1], points[j, 2] - points[i, 2]
-        bx, by, bz = points[k, 0] - points[i, 0], points[k, 1] - points[i, 1], points[k, 2] - points[i, 2]
+    for q in range(len(quads)):
+        i, j, k, n = quads[q]
+        ax, ay, az = points[k, 0] - points[i, 0], points[k, 1] - points[i, 1], points[k, 2] - points[i, 2]
+        bx, by, bz = points[n, 0] - points[j, 0], points[n, 1] - points[j, 1], points[n, 2] - points[j, 2]
         nx, ny, nz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-        w = weight[t]
-        for corner in (i, j, k):
+        w = weight[q]
+        for corner in (i, j, k, n):
             normals[corner, 0] += w * nx
             normals[corner, 1] += w * ny
             normals[corner, 2] += w * nz
