@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def vertex_normals(points: np.ndarray, quads: np.ndarray, weight: np.ndarray, normals: np.ndarray) -> None:
     """Unit normals (V, 3) of points (V, 3): mean over the quads (Q, 4) at each, by area and weight (Q,).
 
@@ -38,7 +38,7 @@ def vertex_normals(points: np.ndarray, quads: np.ndarray, weight: np.ndarray, no
             normals[v, 2] = 1.0
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def draw_triangles(
     places: np.ndarray, depth: np.ndarray, triangles: np.ndarray, nearest: np.ndarray, owner: np.ndarray, bary
 ) -> None:
@@ -87,7 +87,7 @@ def draw_triangles(
                     break
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _add_edge(start, end, weight, cover) -> None:
     """Add an edge's signed share to cover (H, W + 2), whose running sum along a row is then the covered area."""
     height, width = cover.shape[0], cover.shape[1] - 2
@@ -122,7 +122,7 @@ def _add_edge(start, end, weight, cover) -> None:
             cover[row, last + 1] += share - before
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def add_polygons(points: np.ndarray, start: np.ndarray, weight: float, cover: np.ndarray) -> None:
     """Add the exactly covered area of every pixel by some polygons to cover (H, W + 2), before the running sum.
 
@@ -135,7 +135,7 @@ def add_polygons(points: np.ndarray, start: np.ndarray, weight: float, cover: np
             _add_edge(points[i], points[j], weight, cover)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def sum_cover(cover: np.ndarray, rows: tuple[int, int], area: np.ndarray) -> None:
     """area (H, W) of the rows [from, to) from what the edges added to cover (H, W + 2), which is cleared there."""
     for row in range(rows[0], rows[1]):
