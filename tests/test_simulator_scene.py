@@ -7,7 +7,7 @@ import pytest
 from simulator.errors import InputError
 from simulator.model import Displacement, Force
 from simulator.moisture import critical, strength_of_level
-from simulator.mouth import SALIVA, MouthShape
+from simulator.mouth import CORNERS, SALIVA, MouthShape
 from simulator.scene import (
     Action,
     Camera,
@@ -112,9 +112,10 @@ def test_the_smallest_scene():
     mouth, model = scene.model()
     assert np.array_equal(model.saliva.elements, mouth.saliva)
     np.testing.assert_allclose(model.saliva.strength, strength_of_level(7))
-    assert np.array_equal(model.material_of, mouth.group == SALIVA)
-    assert [material.shear_pa for material in model.materials] == [800, 7700]
-    assert [material.bulk_pa for material in model.materials] == [7000, 191000]
+    assert np.array_equal(model.material_of == 1, mouth.group == SALIVA)
+    assert np.array_equal(model.material_of == 2, mouth.group == CORNERS) and (model.material_of == 2).any()
+    assert [material.shear_pa for material in model.materials] == [800, 7700, 8000]
+    assert [material.bulk_pa for material in model.materials] == [7000, 191000, 70000]
     up = model.saliva.up
     np.testing.assert_allclose(np.linalg.norm(up, axis=1), 1)
     assert up[:, 1].min() > 0.9
