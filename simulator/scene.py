@@ -661,7 +661,7 @@ def _loads(mouth: Mouth, actions: tuple[Action, ...]) -> tuple[Load, ...]:
 
 
 def _spelled_out(action: Action) -> Action:
-    """The action with the muscle's usual direction given, or the jaw's path; usual forces depend on the mouth's size."""
+    """The action with what is usual given, but for a usual force, which depends on the mouth's size."""
     if action.name == JAW:
         return dataclasses.replace(action, peak_m=_activation(action).peak)
     forward = MUSCLES[action.name].forward if action.forward is None else action.forward
