@@ -25,7 +25,7 @@ from simulator.look import Colour, Inside, Light, Look, Sensor, Skin
 from simulator.materials import NeoHookean
 from simulator.model import Load, Model
 from simulator.moisture import FULL_LEVEL, Lick, strength_of_level
-from simulator.mouth import SALIVA, Mouth, MouthShape, mouth_mesh
+from simulator.mouth import CORNERS, SALIVA, Mouth, MouthShape, mouth_mesh
 from simulator.muscles import JAW, MUSCLES, Activation, Jaw, jaw, muscle_loads, skull
 from simulator.obj_mesh import read_mouth_obj
 from simulator.saliva import DECAY_S, RAMP_S, Saliva
@@ -115,6 +115,7 @@ class Tissue:
     Parameters
     ----------
     shear_pa, bulk_pa : Neo-Hookean modulus, Pa
+    corner_shear_pa, corner_bulk_pa : that of the firm tissue at the ends of the line between the lips, Pa
     density : kg/m3
     damping_per_s : mass-proportional damping, 1/s: movements die out by e in twice its inverse
     hourglass : stiffness against shapes that elements of one integration point do not feel, dimensionless
@@ -122,6 +123,8 @@ class Tissue:
 
     shear_pa: float = 800.0
     bulk_pa: float = 7000.0
+    corner_shear_pa: float = 8000.0
+    corner_bulk_pa: float = 70000.0
     density: float = 1050.0
     damping_per_s: float = 20.0
     hourglass: float = 0.08
@@ -249,7 +252,7 @@ class Action:
     ----------
     name : which muscle, or jaw
     side : both, left or right of the face; the left of the face is right in the picture
-    peak_n : force of each side at an activation of 1, N; left out, the muscle's usual one
+    peak_n : force of each side at an activation of 1, N; left out, the muscle's usual one on a mouth of this size
     peak_m : for the jaw: how far the chin sinks at an activation of 1, m
     forward : force out of the mouth over that along the face; left out, the muscle's usual one
     keys : activation over time: [time in s, activation], and between two of them how the one leads to the other:
@@ -460,8 +463,9 @@ class Scene:
             materials=(
                 NeoHookean(tissue.shear_pa, tissue.bulk_pa, tissue.density),
                 NeoHookean(glue.shear_pa, glue.bulk_pa, tissue.density),
+                NeoHookean(tissue.corner_shear_pa, tissue.corner_bulk_pa, tissue.density),
             ),
-            material_of=(mouth.group == SALIVA).astype(np.int64),
+            material_of=np.select([mouth.group == SALIVA, mouth.group == CORNERS], [1, 2], 0),
             loads=_loads(mouth, self.muscle),
             damping=tissue.damping_per_s,
             hourglass=tissue.hourglass,
@@ -641,7 +645,14 @@ def _activation(action: Action) -> Activation:
     if action.volume_obj is not None:
         volume = read_closed_surface(action.volume_obj)
     peak = action.peak_m if action.peak_n is None else action.peak_n
-    return Activation(action.name, action.curve(), peak, action.side, volume, action.forward)
+    return Activation(
+        muscle=action.name,
+        peak=peak,
+        curve=action.curve(),
+        side=action.side,
+        volume=volume,
+        forward=action.forward,
+    )
 
 
 def _loads(mouth: Mouth, actions: tuple[Action, ...]) -> tuple[Load, ...]:
@@ -650,9 +661,8 @@ def _loads(mouth: Mouth, actions: tuple[Action, ...]) -> tuple[Load, ...]:
 
 
 def _spelled_out(action: Action) -> Action:
-    """The action with the muscle's usual peak and direction given."""
-    peak = _activation(action).peak
+    """The action with what is usual given, but for a usual force, which depends on the mouth's size."""
     if action.name == JAW:
-        return dataclasses.replace(action, peak_m=peak)
+        return dataclasses.replace(action, peak_m=_activation(action).peak)
     forward = MUSCLES[action.name].forward if action.forward is None else action.forward
-    return dataclasses.replace(action, peak_n=peak, forward=forward)
+    return dataclasses.replace(action, forward=forward)

@@ -1,5 +1,6 @@
 import dataclasses
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -7,7 +8,7 @@ import pytest
 from simulator.errors import InputError
 from simulator.model import Displacement, Force
 from simulator.moisture import critical, strength_of_level
-from simulator.mouth import SALIVA, MouthShape
+from simulator.mouth import CORNERS, SALIVA, MouthShape
 from simulator.scene import (
     Action,
     Camera,
@@ -112,9 +113,10 @@ def test_the_smallest_scene():
     mouth, model = scene.model()
     assert np.array_equal(model.saliva.elements, mouth.saliva)
     np.testing.assert_allclose(model.saliva.strength, strength_of_level(7))
-    assert np.array_equal(model.material_of, mouth.group == SALIVA)
-    assert [material.shear_pa for material in model.materials] == [800, 7700]
-    assert [material.bulk_pa for material in model.materials] == [7000, 191000]
+    assert np.array_equal(model.material_of == 1, mouth.group == SALIVA)
+    assert np.array_equal(model.material_of == 2, mouth.group == CORNERS) and (model.material_of == 2).any()
+    assert [material.shear_pa for material in model.materials] == [800, 7700, 8000]
+    assert [material.bulk_pa for material in model.materials] == [7000, 191000, 70000]
     up = model.saliva.up
     np.testing.assert_allclose(np.linalg.norm(up, axis=1), 1)
     assert up[:, 1].min() > 0.9
@@ -375,3 +377,29 @@ def test_scenes_that_are_not_there(tmp_path):
 def test_settings_are_those_of_the_parts():
     scene = Scene(camera=Camera(width_px=100), saliva=Glue(stickiness=3))
     assert scene.look.seed == 0 and scene.look.skin == scene.skin
+
+
+def test_the_example_in_the_documentation(tmp_path):
+    text = (Path(__file__).parent.parent / "docs" / "scenes.md").read_text(encoding="utf-8")
+    (tmp_path / "example.toml").write_text(text.split("```toml\n")[1].split("```")[0], encoding="utf-8")
+    scene = load_scene(tmp_path / "example.toml")
+    assert scene.face.shape().width_m == 0.054 and scene.skin.tone == "brown"
+    _, model = scene.model()
+    assert model.saliva.licks[0].time_s == 0.1
+    keys = {one.name for part in parts(scene) for one in dataclasses.fields(part)}
+    looks = {
+        one.name
+        for part in (scene.camera, scene.skin, scene.light, scene.inside, scene.sensor)
+        for one in dataclasses.fields(part)
+    }
+    assert not [key for key in keys - looks if not re.search(rf"[`\[.]{key}\b", text)], "every key is explained"
+
+
+def parts(settings):
+    """A dataclass and all in it."""
+    yield settings
+    for one in dataclasses.fields(settings):
+        value = getattr(settings, one.name)
+        for inner in value if isinstance(value, tuple) else (value,):
+            if dataclasses.is_dataclass(inner):
+                yield from parts(inner)
