@@ -136,6 +136,7 @@ def test_times():
     np.testing.assert_allclose(scene.frame_times_s, np.arange(16) / 30)
     np.testing.assert_allclose(scene.state_times_s, np.arange(31) / 60)
     assert np.array_equal(scene.state_times_s[::2], scene.frame_times_s)
+    assert len(Scene(duration_s=0.29, output=Output(frame_rate=100)).frame_times_s) == 30  # 0.29 * 100 is below 29
     assert len(Scene(duration_s=0.01).frame_times_s) == 1
     assert len(Scene(duration_s=1.0, output=Output(frame_rate=29.97)).frame_times_s) == 30
 
