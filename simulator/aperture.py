@@ -17,7 +17,7 @@ from simulator.motion import INTACT
 # What is less high is not an opening: a tenth of a pixel where the mouth is 250 px wide, a twentieth of the film, and
 # well above the 1 µm or so by which glued lips part before the saliva breaks.
 SEEN_M = 2e-5
-_TOUCHING = 1e-6  # of the above: narrower is closed, so that rounding decides nothing
+_TOUCHING = 1e-6  # of the above: where it is less high the lips touch and part an opening in two, rounding or not
 _SAME = 1e-9  # relative, for a distance that equals the one at rest
 
 
@@ -109,10 +109,10 @@ def visible(upper: np.ndarray, lower: np.ndarray, loose: np.ndarray, seen: float
     seen : an opening is higher than this somewhere, in the unit of the edges
     """
     upper, lower = np.ascontiguousarray(upper), np.ascontiguousarray(lower)
+    frames, columns = upper.shape[:2]
     # all places where a line along a lip may begin or end
-    cuts = np.sort(np.stack([upper[..., 0], lower[..., 0]], axis=-1).reshape(len(upper), -1), axis=1)
+    cuts = np.sort(np.stack([upper[..., 0], lower[..., 0]], axis=-1).reshape(frames, 4 * columns), axis=1)
     frame, first, last = runs(loose)
-    columns = upper.shape[1]
     piece = np.empty((len(frame) * (4 * columns + 1), 2), np.int64)  # at most one between two cuts
     room = len(frame) * (4 * columns + 16)
     while True:
@@ -142,8 +142,8 @@ def _trace(upper, lower, cuts, frame, first, last, seen, chain, points, piece):
     """Walk along every run from left to right and write down the pieces.
 
     chain (2, n, 2) takes the corners of the upper and the lower side of the piece in hand, points (m, 2) those of all
-    polygons, piece (k, 2) where its corners end, and its run. Returns the numbers of points and pieces; a negative number
-    of points where there was not room enough.
+    polygons, piece (k, 2) where its corners end, and its run. Returns the numbers of points and pieces; a negative
+    number of points where there was not room enough.
     """
     columns = upper.shape[1]
     lines = np.empty((2, 3 * columns, 4))  # of the upper and the lower lip: u, v at the left and the right end
@@ -176,15 +176,15 @@ def _trace(upper, lower, cuts, frame, first, last, seen, chain, points, piece):
                 j, end_l = _bound(lines[1], begin[1], from_l, count_l, x, right, -1.0, tiny)
                 end = min(end_u, end_l)
                 f0, f1, g0, g1 = _at(lines[0, i], x), _at(lines[0, i], end), _at(lines[1, j], x), _at(lines[1, j], end)
-                d0, d1 = g0 - f0 - touching, g1 - f1 - touching
-                if sizes[0] > 0 and d0 <= 0:
+                d0, d1 = g0 - f0, g1 - f1
+                if sizes[0] > 0 and d0 <= touching:
                     _finish(chain, sizes, highest, seen, points, piece, r)
-                if d0 > 0 or d1 > 0:
+                if d0 > touching or d1 > touching:
                     x0, x1 = x, end
-                    if d0 <= 0 or d1 <= 0:  # the sides meet in between
+                    if d0 < 0 or d1 < 0:  # the sides meet in between
                         part = d0 / (d0 - d1)
                         meet, height = x + part * (end - x), f0 + part * (f1 - f0)
-                        if d0 <= 0:
+                        if d0 < 0:
                             x0, f0, g0 = meet, height, height
                         else:
                             x1, f1, g1 = meet, height, height
@@ -195,7 +195,7 @@ def _trace(upper, lower, cuts, frame, first, last, seen, chain, points, piece):
                     sizes[0] = _extend(chain[0], sizes[0], i == line_u, x0, f0, x1, f1)
                     sizes[1] = _extend(chain[1], sizes[1], j == line_l, x0, g0, x1, g1)
                     line_u, line_l, highest = i, j, max(highest, g0 - f0, g1 - f1)
-                    if d1 <= 0:
+                    if d1 <= touching:
                         _finish(chain, sizes, highest, seen, points, piece, r)
                 x = end
             left = right

@@ -126,7 +126,10 @@ def pull_film(film, nodes, part, elapsed, dt):
         elif Q >= Z:
             state = BROKEN
             memory[SINCE], memory[LEFT] = 0.0, 1.0
-            memory[FROZEN : FROZEN + 12] = memory[LAST : LAST + 12]
+            for k in range(4):  # where the film is squeezed contact goes on, and glue has no force to leave
+                pulled = _dot(n, memory[LAST + 3 * k : LAST + 3 * k + 3]) > 0.0
+                for i in range(3 * k, 3 * k + 3):
+                    memory[FROZEN + i] = memory[LAST + i] if pulled else 0.0
         elif state == STICKING and memory[SINCE] >= ramp:
             state = INTACT
         memory[STATE], memory[Q_NOW], memory[Z_NOW], memory[MOISTURE_NOW] = state, Q, Z, moisture

@@ -10,8 +10,14 @@ from simulator.errors import InputError
 from simulator.look import Inside, to_linear
 
 # Widths of the crowns from the middle outwards, and their lengths from edge to gum, m (averages of adults).
-UPPER = ((0.0085, 0.0065, 0.0076, 0.0070, 0.0068, 0.0100, 0.0095), (0.0105, 0.0090, 0.0100, 0.0085, 0.0080, 0.007, 0.007))
-LOWER = ((0.0053, 0.0058, 0.0068, 0.0070, 0.0071, 0.0110, 0.0105), (0.0090, 0.0092, 0.0105, 0.0088, 0.008, 0.007, 0.007))
+UPPER = (
+    (0.0085, 0.0065, 0.0076, 0.0070, 0.0068, 0.0100, 0.0095),
+    (0.0105, 0.0090, 0.0100, 0.0085, 0.0080, 0.007, 0.007),
+)
+LOWER = (
+    (0.0053, 0.0058, 0.0068, 0.0070, 0.0071, 0.0110, 0.0105),
+    (0.0090, 0.0092, 0.0105, 0.0088, 0.008, 0.007, 0.007),
+)
 # How much higher than the middle ones the edges of the others stand, m, upper and lower.
 RISE = ((0.0, 0.0008, 0.0001, 0.0006, 0.0009, 0.0012, 0.0016), (0.0, 0.0001, 0.0002, -0.0003, -0.0006, -0.0008, -0.001))
 ARCH_M = (0.0165, 0.0150)  # radius of upper and lower arch at the middle
@@ -21,7 +27,7 @@ SAMPLES = 1601
 
 
 def teeth_table(lower: bool, seed: int) -> np.ndarray:
-    """(n, 5) over x: height of the edge over the middle teeth's, m, length to the gum, m, dark of the gaps, tilt, tone."""
+    """(n, 5) over x: the edge's height over the middle teeth's and length to the gum, m; dark of gaps, tilt, tone."""
     rng = np.random.default_rng([seed, 2 + lower])
     widths, lengths = (np.array(v) for v in (LOWER if lower else UPPER))
     rise, radius = np.array(RISE[lower]), ARCH_M[lower]

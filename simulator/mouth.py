@@ -18,7 +18,7 @@ from simulator.elements import CORNERS
 from simulator.errors import InputError
 from simulator.wording import choices, nearest
 
-SKIN, LIPS, SALIVA, CORNERS = 0, 1, 2, 3  # groups of elements
+SKIN, LIPS, SALIVA, COMMISSURE = 0, 1, 2, 3  # groups of elements
 GROUPS = ("skin", "lips", "saliva", "corners")
 CORNER_M = 0.001  # where the row of the line is thinner than this beyond the saliva, it is the fibrous corner
 
@@ -71,7 +71,7 @@ class Mouth:
     ----------
     nodes : (N, 3) m
     elements : (E, 8) hexahedra; corners 0-3 lie on the inner, 4-7 on the outer surface
-    group : (E,) SKIN, LIPS, SALIVA, or CORNERS, the thin firm tissue that holds the lips together at their ends
+    group : (E,) SKIN, LIPS, SALIVA, or COMMISSURE, the thin firm tissue that holds the lips together at their ends
     saliva : (S,) saliva elements along the lips, from negative to positive x
     upper, lower : (S + 1, 2) nodes of the lips' edges, column by column along the saliva: [:, 0] outer, [:, 1] inner
     outer, inner : (Q, 4) the outer and the inner surface as quads, row q of both belongs to element q;
@@ -128,7 +128,7 @@ def mouth_mesh(shape: MouthShape | None = None, resolution: str = "medium") -> M
     border = border_distance(shape, x, y).ravel()
     group = np.where(border[faces].mean(axis=1) > 0, LIPS, SKIN)
     height = (outer[faces[:, 2:], 1] - outer[faces[:, :2][:, ::-1], 1]).mean(axis=1)
-    group[(row == rows).ravel() & (height < CORNER_M)] = CORNERS
+    group[(row == rows).ravel() & (height < CORNER_M)] = COMMISSURE
     group[in_line] = SALIVA
     edge = rows * per_row + beside + np.arange(across + 1)
     nodes, elements = np.concatenate([inner, outer]), np.concatenate([faces, faces + count], axis=1)

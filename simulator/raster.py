@@ -85,16 +85,16 @@ def draw_triangles(
 
 
 @njit(cache=True, nogil=True)
-def _add_edge(row0, column0, row1, column1, weight, cover) -> None:
+def _add_edge(start, end, weight, cover) -> None:
     """Add an edge's signed share to cover (H, W + 2), whose running sum along a row is then the covered area."""
     height, width = cover.shape[0], cover.shape[1] - 2
-    y0, x0, y1, x1 = row0 + 0.5, column0 + 0.5, row1 + 0.5, column1 + 0.5
+    y0, x0, y1, x1 = start[0] + 0.5, start[1] + 0.5, end[0] + 0.5, end[1] + 0.5
     if y0 == y1:
         return
     if y0 > y1:
         y0, x0, y1, x1, weight = y1, x1, y0, x0, -weight
     slope = (x1 - x0) / (y1 - y0)
-    for row in range(max(int(math.floor(y0)), 0), min(int(math.ceil(y1)), height)):
+    for row in range(max(math.floor(y0), 0), min(math.ceil(y1), height)):
         a, b = max(y0, float(row)), min(y1, row + 1.0)
         if b <= a:
             continue
@@ -120,95 +120,16 @@ def _add_edge(row0, column0, row1, column1, weight, cover) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _at(line: np.ndarray, at: int, x: float) -> float:
-    """Height of a polyline (n, 2) of (row, column) at column x on its piece `at`."""
-    x0, x1 = line[at, 1], line[at + 1, 1]
-    t = (x - x0) / (x1 - x0) if x1 > x0 else 0.0
-    return line[at, 0] + t * (line[at + 1, 0] - line[at, 0])
+def add_polygons(points: np.ndarray, start: np.ndarray, weight: float, cover: np.ndarray) -> None:
+    """Add the exactly covered area of every pixel by some polygons to cover (H, W + 2), before the running sum.
 
-
-@njit(cache=True, nogil=True)
-def add_opening(edges, middle, breaks, opacity, cos, sin, centre_row, centre_column, weight, cover) -> None:
-    """Add the exactly covered area of every pixel by what is seen between the lips, before the running sum.
-
-    The region lies between the lower of the upper lip's outer and inner edge and the higher of the lower lip's.
-
-    edges : (4, n, 2) row, column of upper outer, upper inner, lower outer and lower inner edge in the picture turned
-        upright, px; columns do not fall
-    middle : (n,) columns at which the elements end
-    breaks : columns of all of these, rising
-    opacity : (n - 1,) of the film in each element, 0 where it is broken
-    cos, sin, centre_row, centre_column : turn from upright to the picture, about its centre
-    weight : of this opening; the sum over the places of a blurred one is 1
-    cover : (2, H, W + 2) is added to: what is seen through, and what the saliva hides
+    points : (P, 2) row and column of all corners, px; polygon k has start[k] up to start[k + 1]
+    weight : of the area; positive where the corners run counter-clockwise as seen
     """
-    n = edges.shape[1]
-    begin = max(edges[0, 0, 1], edges[1, 0, 1], edges[2, 0, 1], edges[3, 0, 1])
-    end = min(edges[0, n - 1, 1], edges[1, n - 1, 1], edges[2, n - 1, 1], edges[3, n - 1, 1])
-    at = np.zeros(4, np.int64)
-    element = 0
-    cuts = np.empty(4)
-    for b in range(len(breaks) - 1):
-        x0, x1 = max(breaks[b], begin), min(breaks[b + 1], end)
-        if not x1 > x0:
-            continue
-        centre = (x0 + x1) / 2
-        for e in range(4):
-            while at[e] < n - 2 and edges[e, at[e] + 1, 1] <= centre:
-                at[e] += 1
-        while element < n - 2 and middle[element + 1] <= centre:
-            element += 1
-        uo0, uo1 = _at(edges[0], at[0], x0), _at(edges[0], at[0], x1)
-        ui0, ui1 = _at(edges[1], at[1], x0), _at(edges[1], at[1], x1)
-        lo0, lo1 = _at(edges[2], at[2], x0), _at(edges[2], at[2], x1)
-        li0, li1 = _at(edges[3], at[3], x0), _at(edges[3], at[3], x1)
-        if min(lo0, li0) <= max(uo0, ui0) and min(lo1, li1) <= max(uo1, ui1):
-            continue
-        # between the places where outer and inner edges cross, the region is a trapezium, a triangle or nothing
-        cuts[0], count = 0.0, 1
-        for p0, p1 in ((ui0 - uo0, ui1 - uo1), (li0 - lo0, li1 - lo1)):
-            if p0 * p1 < 0:
-                cuts[count] = p0 / (p0 - p1)
-                count += 1
-        cuts[count] = 1.0
-        if count == 3 and cuts[1] > cuts[2]:
-            cuts[1], cuts[2] = cuts[2], cuts[1]
-        for c in range(count):
-            a, z = cuts[c], cuts[c + 1]
-            top_a = max(uo0 + a * (uo1 - uo0), ui0 + a * (ui1 - ui0))
-            top_z = max(uo0 + z * (uo1 - uo0), ui0 + z * (ui1 - ui0))
-            low_a = min(lo0 + a * (lo1 - lo0), li0 + a * (li1 - li0))
-            low_z = min(lo0 + z * (lo1 - lo0), li0 + z * (li1 - li0))
-            gap_a, gap_z = low_a - top_a, low_z - top_z
-            if gap_a <= 0 and gap_z <= 0:
-                continue
-            if gap_a < 0 or gap_z < 0:
-                s = gap_a / (gap_a - gap_z)
-                if gap_a < 0:
-                    a += s * (z - a)
-                    top_a += s * (top_z - top_a)
-                    low_a = top_a
-                else:
-                    z = a + s * (z - a)
-                    top_z = top_a + s * (top_z - top_a)
-                    low_z = top_z
-            xa, xz = x0 + a * (x1 - x0) - centre_column, x0 + z * (x1 - x0) - centre_column
-            ya, yz, va, vz = top_a - centre_row, top_z - centre_row, low_a - centre_row, low_z - centre_row
-            for turn in range(4):
-                if turn == 0:
-                    y0, c0, y1, c1 = ya, xa, va, xa
-                elif turn == 1:
-                    y0, c0, y1, c1 = va, xa, vz, xz
-                elif turn == 2:
-                    y0, c0, y1, c1 = vz, xz, yz, xz
-                else:
-                    y0, c0, y1, c1 = yz, xz, ya, xa
-                r0, q0 = centre_row + cos * y0 + sin * c0, centre_column + cos * c0 - sin * y0
-                r1, q1 = centre_row + cos * y1 + sin * c1, centre_column + cos * c1 - sin * y1
-                for layer in range(2):
-                    share = opacity[element] if layer else 1 - opacity[element]
-                    if share > 0:
-                        _add_edge(r0, q0, r1, q1, weight * share, cover[layer])
+    for k in range(len(start) - 1):
+        for i in range(start[k], start[k + 1]):
+            j = i + 1 if i + 1 < start[k + 1] else start[k]
+            _add_edge(points[i], points[j], weight, cover)
 
 
 @njit(cache=True, nogil=True)

@@ -18,22 +18,21 @@ import cv2
 import numpy as np
 
 from simulator import raster, shade
+from simulator.aperture import SEEN_M, LipEdges, lip_edges, visible
 from simulator.camera import Camera
-from simulator.closing import shown_positions
-from simulator.elements import shape_gradients
 from simulator.errors import InputError
 from simulator.inside import colours_of, jaw_matrix, rows_of, teeth_table, tongue_of
 from simulator.look import Look, to_linear, to_srgb
-from simulator.motion import BROKEN, Motion
+from simulator.motion import BROKEN, INTACT, Motion
 from simulator.mouth import LIPS, SALIVA, Mouth
+from simulator.stress import von_mises
 from simulator.texture import skin_texture
-from simulator.vonmises import von_mises
 from simulator.wording import choices, nearest
 
 MODES = ("picture", "wireframe", "stress")
 THREADS = 2
 # Rings of skin around the sheet, so that the picture has no rim: how far out they stand and how much they move along.
-_RINGS = ((1.12, 0.9), (1.3, 0.6), (1.6, 0.25), (2.2, 0.0))
+_RINGS = ((1.12, 0.9), (1.3, 0.6), (1.6, 0.25), (2.2, 0.0), (4.0, 0.0))
 _CURVE = to_srgb(np.linspace(0, 1, 16384)).round().astype(np.uint8)
 _TURBO = cv2.applyColorMap(np.arange(256, dtype=np.uint8)[:, None], cv2.COLORMAP_TURBO)[:, 0, ::-1]
 
@@ -96,7 +95,7 @@ def _frames(motion, mouth, camera, look, times_s, frame_rate, mode, scalars, jaw
     top = None
     if mode == "stress":
         if scalars is None:
-            scalars = np.array([stage.stress(p) for p in motion.positions])
+            scalars = np.nan_to_num(von_mises(mouth, motion.positions))
         tissue = mouth.group != SALIVA
         top = float(np.max(scalars[:, tissue] if scalars.shape[1] == len(tissue) else scalars)) or 1.0
     half = look.sensor.shutter / frame_rate / 2
@@ -105,7 +104,10 @@ def _frames(motion, mouth, camera, look, times_s, frame_rate, mode, scalars, jaw
         time = times_s[number]
         during = None
         if half > 0 and mode == "picture":
-            during = _at(motion.time_s, motion.positions, time - half), _at(motion.time_s, motion.positions, time + half)
+            during = (
+                _at(motion.time_s, motion.positions, time - half),
+                _at(motion.time_s, motion.positions, time + half),
+            )
         state = None
         if motion.saliva is not None:
             state = motion.saliva.state[max(np.searchsorted(motion.time_s, time + 1e-9, side="right") - 1, 0)]
@@ -146,7 +148,13 @@ def _in_order(draw: Callable[[int], np.ndarray], count: int, threads: int) -> It
 
 
 def draw_mouth(
-    mouth: Mouth, positions: np.ndarray, camera: Camera | None = None, look: Look | None = None, *, mode="picture", **how
+    mouth: Mouth,
+    positions: np.ndarray,
+    camera: Camera | None = None,
+    look: Look | None = None,
+    *,
+    mode="picture",
+    **how,
 ) -> np.ndarray:
     """One picture of a mouth, (H, W, 3) uint8 RGB; for many of them use `render` or a `Stage`.
 
@@ -177,13 +185,18 @@ class Stage:
 
     def __init__(self, mouth: Mouth, camera: Camera, look: Look, mode: str = "picture"):
         self.mouth, self.camera, self.look, self.mode = mouth, camera, look, mode
-        self.gradients = None
+        self.broken = np.full(len(mouth.saliva), BROKEN)
+        self.rest_lips = self._lips(mouth.nodes)
+        # from row and column to places along and across the mouth, as the truth has it, and back
+        corners = camera.project(self.rest_lips[:, [0, -1], 0].mean(axis=0))
+        row, column = (corners[1] - corners[0]) / np.linalg.norm(corners[1] - corners[0])
+        self.along = np.array([[row, column], [column, -row]])
         self._canvases: queue.SimpleQueue = queue.SimpleQueue()
         self._build()
         if mode == "picture":
             texture = skin_texture(mouth, look, 1 / camera.px_per_m)
             self.texture = texture.values
-            places = texture.places(self.rest[:, 0], self.rest[:, 1])
+            places = texture.places(*self.flat.T)
         else:
             places = np.zeros((2, len(self.rest)))
         self.attributes = np.zeros((len(self.rest), 8), np.float32)
@@ -222,12 +235,13 @@ class Stage:
         rest = mouth.nodes[self.nodes]
         rim = number[_rim(mouth.outer)]  # in order around the sheet
         middle = rest[:, :2].mean(axis=0) * [0, 1]
-        rings, move, quads = [], [], []
+        rings, flat, move, quads = [], [], [], []
         before = rim
         for stretch, along in _RINGS:
             ring = np.empty((len(rim), 3))
             ring[:, :2] = middle + (rest[rim, :2] - middle) * stretch
-            ring[:, 2] = rest[rim, 2] + _beyond(ring[:, :2]) - _beyond(rest[rim, :2])
+            flat.append(ring[:, :2].copy())
+            ring[:] = _head(ring[:, :2], rest[rim])
             now = len(self.nodes) + sum(map(len, rings)) + np.arange(len(rim))
             quads.append(np.stack([before, now, np.roll(now, -1), np.roll(before, -1)], axis=1))
             rings.append(ring)
@@ -237,6 +251,7 @@ class Stage:
         self.ring_move = np.concatenate(move)[:, None]
         self.ring_rest = np.concatenate(rings) - self.ring_move * rest[self.rim]
         self.rest = np.concatenate([rest, *rings])
+        self.flat = np.concatenate([rest[:, :2], *flat])  # where the vertices lie in the texture
         quads = np.concatenate([skin, under, over, *quads])
         # diagonals mirror each other on both sides of the face
         left = self.rest[quads][:, :, 0].mean(axis=1) < 0
@@ -256,7 +271,7 @@ class Stage:
         light, skin = self.look.light, self.look.skin
         towards = np.asarray(light.direction, float)
         towards = towards / np.linalg.norm(towards)
-        half = towards + [0, 0, 1]
+        half = towards + np.array([0, 0, 1])
         half = half / max(np.linalg.norm(half), 1e-9)
         # light goes through skin and comes out again farther on, red the farthest
         wrap = 0.10 + 0.8 * light.softness * np.array([0.55, 0.38, 0.33]) + np.array([0.12, 0.02, 0.0])
@@ -275,17 +290,11 @@ class Stage:
         self.axes = np.ascontiguousarray(turn.T[:2]).astype(np.float32)
         self.inner_light = np.concatenate([self.light[:2] @ turn, self.light[2:4]]).astype(float)
         camera = self.camera
-        self.view = np.zeros((3, 7))
+        self.view = np.zeros((3, 6))
         self.view[:, :3] = turn.T
         self.view[:, 3] = turn.T @ [camera.centre_x_m, camera.centre_y_m, 0.0]
         self.view[0, 4], self.view[1, 4] = camera.px_per_m, camera.distance_m
         self.view[0, 5], self.view[1, 5] = (camera.height_px - 1) / 2, (camera.width_px - 1) / 2
-
-    def stress(self, positions: np.ndarray) -> np.ndarray:
-        """(E,) Pa, the von Mises stress of every element."""
-        if self.gradients is None:
-            self.gradients = shape_gradients(self.mouth.nodes, self.mouth.elements)
-        return von_mises(self.mouth, positions, gradients=self.gradients)
 
     def draw(
         self,
@@ -309,22 +318,31 @@ class Stage:
         frame : number of the frame, of which the noise depends
         scalars : (E,) or (N,), shown in mode "stress" from 0 to `top`
         """
-        state = np.full(len(self.mouth.saliva), BROKEN) if state is None else np.asarray(state)
-        if state.shape != self.mouth.saliva.shape:
-            raise InputError(f"expected one state for each of {len(self.mouth.saliva)} saliva elements, got {state.shape}")
+        state = self._state(state)
         canvas = self._canvas()
-        shown = shown_positions(self.mouth, positions)
+        shown = self._shown(positions)
         if self.mode == "wireframe":
             return self._wireframe(shown, state)
         if self.mode == "stress":
-            values = self.stress(positions) if scalars is None else np.asarray(scalars, float)
-            linear = self._stressed(canvas, shown, state, values, top)
+            if scalars is None:
+                scalars = np.nan_to_num(von_mises(self.mouth, np.asarray(positions)[None])[0])
+            values = np.asarray(scalars, float)
+            linear = self._stressed(canvas, positions, shown, state, values, top)
             picture = to_srgb(linear).round().astype(np.uint8)
         else:
-            linear = self._linear(canvas, shown, state, during, jaw_matrix(jaw))
+            linear = self._linear(canvas, positions, shown, state, during, jaw_matrix(jaw))
             picture = self._developed(linear, frame)
         self._canvases.put(canvas)
         return picture
+
+    def cover(self, positions: np.ndarray, state: np.ndarray | None = None) -> np.ndarray:
+        """(H, W) float32, the exact share of every pixel through which one sees into the mouth; no effects, no blur."""
+        state = self._state(state)
+        canvas = self._canvas()
+        self._cover(canvas, self._lips(positions)[:, None], state, clear=0.0)
+        hole = canvas["hole"].copy()
+        self._canvases.put(canvas)
+        return hole
 
     # ---- parts of a picture
 
@@ -338,7 +356,7 @@ class Stage:
         return {
             "nearest": np.empty(size, np.float32),
             "owner": np.empty(size, np.int32),
-            "bary": np.empty((*size, 2), np.float32),
+            "bary": np.zeros((*size, 2), np.float32),
             "tissue": np.empty((*size, 3), np.float32),
             "moved": np.zeros((*size, 2), np.float32),
             "far": np.empty(size, np.int32),
@@ -349,7 +367,6 @@ class Stage:
             "linear": np.empty((*size, 3), np.float32),
             "normals": np.empty((len(self.rest), 3)),
             "attributes": self.attributes.copy(),
-            
         }
 
     def _vertices(self, shown: np.ndarray) -> np.ndarray:
@@ -364,74 +381,99 @@ class Stage:
         row = (camera.height_px - 1) / 2 - seen[..., 1] * scale
         return np.stack([row, (camera.width_px - 1) / 2 + seen[..., 0] * scale], axis=-1)
 
-    def _raster(self, canvas: dict, shown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Fill owner and bary; return seen points (V, 3) and places (V, 2)."""
+    def _raster(self, canvas: dict, shown: np.ndarray) -> np.ndarray:
+        """Fill owner, bary and normals; return the vertices' places (V, 2), px."""
         seen = self.camera.seen(self._vertices(shown))
         places = self._project(seen)
         raster.vertex_normals(seen, self.triangles, self.weight, canvas["normals"])
-        raster.draw_triangles(
-            places, seen[:, 2], self.triangles, canvas["nearest"], canvas["owner"], canvas["bary"]
-        )
-        return seen, places
+        raster.draw_triangles(places, seen[:, 2], self.triangles, canvas["nearest"], canvas["owner"], canvas["bary"])
+        return places
 
-    def _cover(self, canvas: dict, moments: list[np.ndarray], opacity: np.ndarray) -> tuple[int, int, int, int]:
-        """Fill hole and film with the mean over the lips' places at some moments; return the box that holds them."""
-        height, width = canvas["hole"].shape
-        mouth, camera = self.mouth, self.camera
-        roll = math.radians(camera.roll_deg)
-        cos, sin = math.cos(roll), math.sin(roll)
-        middle = (height - 1) / 2, (width - 1) / 2
-        hole, film = canvas["cover"]
-        low, high = np.full(2, np.inf), np.full(2, -np.inf)
-        for shown in moments:
-            edges = np.stack(
-                [shown[mouth.upper[:, 0]], shown[mouth.upper[:, 1]], shown[mouth.lower[:, 0]], shown[mouth.lower[:, 1]]]
+    def _state(self, state: np.ndarray | None) -> np.ndarray:
+        state = np.full(len(self.mouth.saliva), BROKEN) if state is None else np.asarray(state)
+        if state.shape != self.mouth.saliva.shape:
+            raise InputError(
+                f"expected one state for each of {len(self.mouth.saliva)} saliva elements, got {state.shape}"
             )
-            places = camera.project(edges)
-            low, high = np.minimum(low, places.min(axis=(0, 1))), np.maximum(high, places.max(axis=(0, 1)))
-            y, x = places[..., 0] - middle[0], places[..., 1] - middle[1]
-            # turned back so that columns run along the lips
-            upright = np.stack([middle[0] + cos * y - sin * x, middle[1] + cos * x + sin * y], axis=-1)
-            upright[..., 1] = np.maximum.accumulate(upright[..., 1], axis=1)
-            ends = (upright[0, :, 1] + upright[2, :, 1]) / 2
-            breaks = np.sort(np.concatenate([upright[..., 1].ravel(), ends]))
-            raster.add_opening(upright, ends, breaks, opacity, cos, sin, *middle, 1 / len(moments), canvas["cover"])
-        box = (
-            max(int(low[0]) - 1, 0),
-            min(int(high[0]) + 3, height),
-            max(int(low[1]) - 1, 0),
-            min(int(high[1]) + 3, width),
-        )
-        if box[0] >= box[1] or box[2] >= box[3]:
-            box = (0, 0, 0, 0)
+        return state
+
+    def _lips(self, positions: np.ndarray) -> np.ndarray:
+        """(2, S + 1, 2, 3) of the upper and the lower lip's edges, m, with the film between them."""
+        return np.stack([np.asarray(positions)[nodes] for nodes in (self.mouth.upper, self.mouth.lower)])
+
+    def _edges(self, lips: np.ndarray, state: np.ndarray) -> LipEdges:
+        """Lips' edges (2, M, S + 1, 2, 3) as they are seen."""
+        return lip_edges(*lips, *self.rest_lips, np.broadcast_to(state, (lips.shape[1], len(state))))
+
+    def _shown(self, positions: np.ndarray) -> np.ndarray:
+        """Positions (N, 3), m, with the lips' edges nearer to each other by the film, which belongs to the lips."""
+        edges = self._edges(self._lips(positions)[:, None], self.broken)
+        shown = np.array(positions, float)
+        shown[self.mouth.upper], shown[self.mouth.lower] = edges.upper[0], edges.lower[0]
+        return shown
+
+    def _cover(self, canvas: dict, lips: np.ndarray, state: np.ndarray, clear: float) -> tuple[int, int, int, int]:
+        """Fill hole and film: the mean over places of the lips' edges (2, M, S + 1, 2, 3); return a box around them.
+
+        The hole is what the truth calls open. Between it and the lips hangs saliva that is stretched, through which
+        one sees a share `clear`.
+        """
+        height, width = canvas["hole"].shape
+        cover, hole, film = canvas["cover"], canvas["hole"], canvas["film"]
         old = canvas.get("box", (0, 0, 0, 0))
-        canvas["hole"][old[0] : old[1]] = 0
-        canvas["film"][old[0] : old[1]] = 0
-        raster.sum_cover(hole, box[:2], canvas["hole"])
-        raster.sum_cover(film, box[:2], canvas["film"])
+        hole[old[0] : old[1]] = 0
+        film[old[0] : old[1]] = 0
+        low, high = np.full(2, np.inf), np.full(2, -np.inf)
+        glued = bool((state == INTACT).any())
+        for layer, states in ((0, state), (1, self.broken)):
+            if layer == 1 and not glued:
+                continue
+            edges = self._edges(lips, states)
+            turned = self.camera.project(np.stack([edges.upper, edges.lower])) @ self.along
+            pieces = visible(turned[0], turned[1], edges.loose, SEEN_M * self.camera.px_per_m)
+            points = pieces.points @ self.along
+            if len(points):
+                low, high = np.minimum(low, points.min(axis=0)), np.maximum(high, points.max(axis=0))
+                # the corners run clockwise
+                raster.add_polygons(points, pieces.start, -1 / lips.shape[1], cover[layer])
+        if not (low < high).all():
+            low = high = np.full(2, -10.0)
+        rows = max(int(low[0]) - 1, 0), min(int(high[0]) + 3, height)
+        columns = max(int(low[1]) - 1, 0), min(int(high[1]) + 3, width)
+        box = (*rows, *columns) if rows[0] < rows[1] and columns[0] < columns[1] else (0, 0, 0, 0)
         canvas["box"] = box
+        raster.sum_cover(cover[0], box[:2], hole)
+        if glued:
+            raster.sum_cover(cover[1], box[:2], film)
+            part = np.s_[box[0] : box[1], box[2] : box[3]]
+            between = np.maximum(film[part] - hole[part], 0)
+            hole[part] += clear * between
+            film[part] = (1 - clear) * between
         return box
 
-    def _opacity(self, state: np.ndarray, gap: np.ndarray) -> np.ndarray:
-        """(S,) of the saliva in each element; it grows clear as it is drawn out."""
-        height = (gap[:-1] + gap[1:]) / 2
-        return np.where(state == BROKEN, 0.0, self.look.skin.film * np.exp(-np.maximum(height - 0.0015, 0) / 0.003))
+    def _clear(self, state: np.ndarray, gap_m: np.ndarray) -> float:
+        """Share of the light that goes through stretched saliva: more where it is drawn out."""
+        held = state == INTACT
+        drawn_m = float(((gap_m[:-1] + gap_m[1:]) / 2)[held].mean()) if held.any() else 0.0
+        return 1 - self.look.skin.film * math.exp(-max(drawn_m - 0.0015, 0.0) / 0.003)
 
-    def _linear(self, canvas, shown, state, during, jaw) -> np.ndarray:
+    def _linear(self, canvas, positions, shown, state, during, jaw) -> np.ndarray:
         mouth, sensor = self.mouth, self.look.sensor
-        seen, places = self._raster(canvas, shown)
-        velocity, moments, samples = np.zeros_like(places), [shown], 1
+        places = self._raster(canvas, shown)
+        velocity, samples = np.zeros_like(places), 1
+        lips = self._lips(positions)[:, None]
         if during is not None:
-            begin, end = (shown_positions(mouth, p) for p in during)
-            velocity = self._project(self.camera.seen(self._vertices(end)))
-            velocity -= self._project(self.camera.seen(self._vertices(begin)))
+            velocity = self._project(self.camera.seen(self._vertices(self._shown(during[1]))))
+            velocity -= self._project(self.camera.seen(self._vertices(self._shown(during[0]))))
             farthest = float(np.abs(velocity).max())
             if farthest > 0.3:
                 samples = min(int(farthest) + 2, sensor.samples)
-                count = 1 if sensor.samples == 1 else min(2 * samples, 4 * sensor.samples)
-                moments = [begin + (s + 0.5) / count * (end - begin) for s in range(count)]
+                # the lips' edges take little work, so they have more places
+                share = (np.arange(2 * samples)[:, None, None, None] + 0.5) / (2 * samples)
+                begin, end = (self._lips(p)[:, None] for p in during)
+                lips = begin + share * (end - begin)
         gap = np.linalg.norm(shown[mouth.upper[:, 0]] - shown[mouth.lower[:, 0]], axis=1)
-        box = self._cover(canvas, moments, self._opacity(state, gap))
+        box = self._cover(canvas, lips, state, self._clear(state, gap))
         attributes = canvas["attributes"]
         attributes[:, :3] = canvas["normals"]
         closed = np.exp(-gap / 0.0008)
@@ -487,15 +529,13 @@ class Stage:
             linear = cv2.GaussianBlur(linear, (side, side), sensor.blur_px, borderType=cv2.BORDER_REPLICATE)
         picture = np.empty(linear.shape, np.uint8)
         seed = (self.look.seed * 1_000_003 + frame * 7919 + 17) % 2**63
-        shade.develop(
-            linear, self.gains, sensor.noise, sensor.read_noise, sensor.vignette, seed, _CURVE, picture
-        )
+        shade.develop(linear, self.gains, sensor.noise, sensor.read_noise, sensor.vignette, seed, _CURVE, picture)
         if sensor.jpeg is not None:
             _, data = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, sensor.jpeg])
             picture = np.ascontiguousarray(cv2.imdecode(data, cv2.IMREAD_COLOR)[..., ::-1])
         return picture
 
-    def _stressed(self, canvas, shown, state, values, top) -> np.ndarray:
+    def _stressed(self, canvas, positions, shown, state, values, top) -> np.ndarray:
         """Linear light of a mouth whose surface shows numbers as colours."""
         mouth = self.mouth
         if values.shape == (len(mouth.elements),):
@@ -512,7 +552,7 @@ class Stage:
         on = values[self.nodes] / (top or float(np.max(np.abs(values))) or 1.0)
         on = np.concatenate([on, on[self.rim]])
         gap = np.linalg.norm(shown[mouth.upper[:, 0]] - shown[mouth.lower[:, 0]], axis=1)
-        box = self._cover(canvas, [shown], self._opacity(state, gap))
+        box = self._cover(canvas, self._lips(positions)[:, None], state, self._clear(state, gap))
         tissue, owner = canvas["tissue"], canvas["owner"]
         tissue[:] = self.backdrop[:, None]
         t = self.triangles[np.maximum(owner, 0)]
@@ -525,9 +565,7 @@ class Stage:
         canvas["moved"][:] = 0
         canvas["inside"][:] = to_linear((25, 20, 22))
         if box[1] > box[0]:
-            shade.fill_between(
-                owner, canvas["hole"], canvas["film"], box, tissue, canvas["moved"], canvas["far"]
-            )
+            shade.fill_between(owner, canvas["hole"], canvas["film"], box, tissue, canvas["moved"], canvas["far"])
         film = to_linear((200, 215, 235)).astype(np.float32)
         shade.compose(tissue, canvas["inside"], canvas["hole"], canvas["film"], film, box)
         return tissue
@@ -545,13 +583,21 @@ class Stage:
         return picture
 
 
-def _beyond(places: np.ndarray) -> np.ndarray:
-    """Depth, m, of the head around the sheet at x, y: round cheeks, and the throat behind the chin."""
-    x, y = places.T
-    round_x = np.minimum(np.abs(x), 0.085)
-    z = -(round_x**2) / 0.150 - 1.2 * np.maximum(np.abs(x) - 0.085, 0)
-    z = z + 0.12 * np.clip(y - 0.04, 0, 0.03)
-    return z - 1.25 * np.clip(-0.055 - y, 0, 0.03) - 0.1 * np.maximum(-0.085 - y, 0)
+def _head(flat: np.ndarray, rim: np.ndarray) -> np.ndarray:
+    """(n, 3) of the head around the sheet, m, where its skin laid flat reaches to x, y (n, 2) out from rim (n, 3).
+
+    It turns away at the sides within a centimetre and goes on as throat behind the chin.
+    """
+    x, y = flat.T
+    side, low, high = np.abs(rim[:, 0]).max(), rim[:, 1].min(), rim[:, 1].max()
+    out = np.maximum(np.abs(x) - side, 0)
+    head = np.stack(
+        [np.sign(x) * (np.minimum(np.abs(x), side) + 0.010 * (1 - np.exp(-out / 0.010))), y, rim[:, 2]], axis=1
+    )
+    head[:, 2] -= (np.minimum(np.abs(x), side) ** 2 - rim[:, 0] ** 2) / 0.150 + 1.3 * out
+    head[:, 2] += 0.12 * np.clip(y - high, 0, 0.03)
+    head[:, 2] -= 1.25 * np.clip(low - y, 0, 0.03) + 0.1 * np.maximum(low - 0.03 - y, 0)
+    return head
 
 
 def _rim(quads: np.ndarray) -> np.ndarray:
@@ -594,8 +640,9 @@ def _check(mode: str, mouth: Mouth, positions: np.ndarray, scalars, times: int) 
     if not np.isfinite(positions).all():
         raise InputError("expected finite positions, got NaN or infinite ones; draw the times before the run failed")
     if scalars is not None and (
-        np.ndim(scalars) != 2 or np.shape(scalars)[0] != times or np.shape(scalars)[1] not in
-        (len(mouth.nodes), len(mouth.elements))
+        np.ndim(scalars) != 2
+        or np.shape(scalars)[0] != times
+        or np.shape(scalars)[1] not in (len(mouth.nodes), len(mouth.elements))
     ):
         raise InputError(
             f"expected scalars at {times} times for {len(mouth.elements)} elements or {len(mouth.nodes)} nodes, "

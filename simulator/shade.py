@@ -17,7 +17,9 @@ NX, NY, NZ, TEX_X, TEX_Y, CLOSED, SHADE, WET = range(8)
 
 
 @njit(cache=True, nogil=True)
-def shade_tissue(owner, bary, triangles, plain, attributes, velocity, texture, axes, light, finish, backdrop, moves, tissue, moved):
+def shade_tissue(
+    owner, bary, triangles, plain, attributes, velocity, texture, axes, light, finish, backdrop, moves, tissue, moved
+):
     """Colour every pixel that a triangle owns.
 
     owner (H, W), bary (H, W, 2) from `draw_triangles`; triangles (T, 3); attributes (V, 8), see NX and on
@@ -185,7 +187,7 @@ def shade_inside(hole, box, camera, jaw, shown, rows, upper, lower, colours, lig
     """Colour what is seen between the lips.
 
     hole : (H, W) cover; only pixels of `box` with some of it are coloured, in inside (H, W, 3)
-    camera : (3, 7): turn from camera to face (3, 3), its middle (3,), then px/m, distance and size as row 0..2 of [:, 4:]
+    camera : (3, 6): turn from camera to face (3, 3), its middle (3,), (px/m, distance, -), (middle row, column, -)
     jaw : (3, 4) from the face to the jaw at rest
     shown : upper teeth, lower teeth, tongue
     rows : (2, 3) of upper and lower row: depth, radius of the arch, height of the edge, m

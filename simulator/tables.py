@@ -35,7 +35,7 @@ def frame_table(time_s: np.ndarray, pieces: Pieces, sizes: np.ndarray, mouth_wid
     frames = len(time_s)
     count = np.bincount(pieces.frame, minlength=frames)
     area = sizes[:, SIZES.index("area")]
-    total = np.bincount(pieces.frame, weights=area, minlength=frames)
+    total = np.bincount(pieces.frame, weights=area, minlength=frames).astype(float)
     order = np.lexsort((np.arange(len(area)), -area, pieces.frame))  # by frame, the largest first
     largest = np.zeros((frames, len(SIZES)))
     is_first = np.diff(pieces.frame[order], prepend=-1) > 0

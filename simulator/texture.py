@@ -15,42 +15,46 @@ from simulator.look import Look
 from simulator.mouth import Mouth, border_distance, line_y
 from simulator.shade import BLUE, GREEN, LIP, OIL, RED, SEAM, SLOPE_X, SLOPE_Y
 
-X_M, Y_M = (-0.085, 0.085), (-0.085, 0.065)  # what the texture covers
+AROUND_M = (0.020, 0.030, 0.025)  # what the texture covers beside, below and above the sheet
 GRAIN_M = 0.0002  # size of the finest pattern, so that it does not depend on the picture's size
 FINEST_M, COARSEST_M = 0.0001, 0.0012
 
 
 @dataclass(frozen=True, eq=False)
 class Texture:
-    """values (h, w, 8) float32, see simulator.shade; texel_m : size of a texel, m"""
+    """values (h, w, 8) float32, see simulator.shade; left_m, top_m of its corner and size texel_m of a texel, m"""
 
     values: np.ndarray
+    left_m: float
+    top_m: float
     texel_m: float
 
     def places(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Column and row in the texture of rest coordinates x, y, m."""
-        return (x - X_M[0]) / self.texel_m - 0.5, (Y_M[1] - y) / self.texel_m - 0.5
+        return (x - self.left_m) / self.texel_m - 0.5, (self.top_m - y) / self.texel_m - 0.5
 
 
 def skin_texture(mouth: Mouth, look: Look, px_m: float) -> Texture:
     """Texture for a picture whose pixels are px_m wide, m; the same pattern at every size."""
     fine = px_m < 0.75 * GRAIN_M
     step = FINEST_M if fine else GRAIN_M
-    shape = (round((Y_M[1] - Y_M[0]) / step), round((X_M[1] - X_M[0]) / step))
-    y = (Y_M[1] - (np.arange(shape[0], dtype=np.float32) + 0.5) * step)[:, None]
-    x = (X_M[0] + (np.arange(shape[1], dtype=np.float32) + 0.5) * step)[None, :]
+    low, high = mouth.nodes.min(axis=0), mouth.nodes.max(axis=0)
+    half, top = max(-low[0], high[0]) + AROUND_M[0], high[1] + AROUND_M[2]
+    shape = (round((top - low[1] + AROUND_M[1]) / step), round(2 * half / step))
+    y = (top - (np.arange(shape[0]) + 0.5) * step).astype(np.float32)[:, None]
+    x = (-half + (np.arange(shape[1]) + 0.5) * step).astype(np.float32)[None, :]
     values = np.empty((*shape, 8), np.float32)
     _paint(values, x, y, mouth, look, step)
     texel = min(max(px_m, step), COARSEST_M)
     if texel > step * 1.2:
-        size = (round((X_M[1] - X_M[0]) / texel), round((Y_M[1] - Y_M[0]) / texel))
-        texel = (X_M[1] - X_M[0]) / size[0]
+        size = (round(shape[1] * step / texel), round(shape[0] * step / texel))
+        texel = shape[1] * step / size[0]
         values = np.concatenate(
             [cv2.resize(values[..., a : a + 4], size, interpolation=cv2.INTER_AREA) for a in (0, 4)], axis=-1
         )
     else:
         texel = step
-    return Texture(np.ascontiguousarray(values), texel)
+    return Texture(np.ascontiguousarray(values), -half, top, texel)
 
 
 def _paint(values: np.ndarray, x: np.ndarray, y: np.ndarray, mouth: Mouth, look: Look, step: float) -> None:
@@ -82,7 +86,7 @@ def _paint(values: np.ndarray, x: np.ndarray, y: np.ndarray, mouth: Mouth, look:
     corner = np.exp(-(((np.abs(x) - half - 0.0005) / 0.0035) ** 2) - (above / 0.0022) ** 2)
     low = np.clip((0.034 - y) / 0.034, 0, 1.3)
     fold_x = 0.0205 + 0.0165 * low**1.3
-    fold = np.exp(-np.abs((np.abs(x) - fold_x) / (0.0024 + 0.003 * low)) ** 1.7)
+    fold = np.exp(-(np.abs((np.abs(x) - fold_x) / (0.0024 + 0.003 * low)) ** 1.7))
     fold = fold * _smooth((y + 0.012) / 0.025) * _smooth((0.037 - y) / 0.008)
     below_lip = np.exp(-(((y + 0.0150) / 0.0045) ** 2) - (x / 0.020) ** 2)
     shade = 1 - 0.30 * corner - 0.075 * fold - 0.10 * below_lip * (1 - lip) + 0.05 * rim
@@ -164,11 +168,15 @@ def _nose(x: np.ndarray, y: np.ndarray, light) -> tuple[np.ndarray, np.ndarray]:
     # the lower rim of the nose: lowest at the middle, higher over the nostrils, down again at the wings
     rim = 0.0225 + 0.0030 * np.exp(-(((side - 0.0075) / 0.0035) ** 2))
     tip = 0.0105 * np.exp(-((side / 0.0095) ** 2)) * _smooth((y - 0.0225) / 0.011)
-    wing = 0.0062 * np.exp(-(((side - 0.0125) / 0.0042) ** 2)) * _smooth((y - rim) / 0.006) * _smooth((0.0415 - y) / 0.010)
+    wing = (
+        0.0062 * np.exp(-(((side - 0.0125) / 0.0042) ** 2)) * _smooth((y - rim) / 0.006) * _smooth((0.0460 - y) / 0.014)
+    )
     bridge = 0.006 * np.exp(-((side / 0.009) ** 2)) * _smooth((y - 0.034) / 0.02)
     # round the wings
     around = np.sqrt((side - 0.0115) ** 2 + (0.85 * (y - 0.0310)) ** 2)
-    crease = np.exp(-(((around - 0.0064) / 0.0015) ** 2)) * _smooth((side - 0.0120) / 0.004) * _smooth((y - 0.0245) / 0.004)
+    crease = (
+        np.exp(-(((around - 0.0064) / 0.0015) ** 2)) * _smooth((side - 0.0120) / 0.004) * _smooth((y - 0.0245) / 0.004)
+    )
     turn = (y - 0.0258) - 0.32 * (side - 0.0068)
     nostril = np.exp(-((((side - 0.0068) / 0.0036) ** 2 + (turn / 0.0016) ** 2) ** 2))
     under = np.exp(-((side / 0.0135) ** 2)) * np.exp(-(((y - 0.0215) / 0.0035) ** 2))
@@ -181,7 +189,7 @@ def _nose(x: np.ndarray, y: np.ndarray, light) -> tuple[np.ndarray, np.ndarray]:
 def _beard(x: np.ndarray, y: np.ndarray, half: float) -> np.ndarray:
     """Where a beard grows, 0 to 1: upper lip, chin, jaw; not the middle below the nose nor high on the cheeks."""
     side = np.abs(x)
-    moustache = _smooth((0.021 - y) / 0.006) * _smooth((half + 0.010 - side) / 0.010)
+    moustache = _smooth((0.022 - y) / 0.006) * _smooth((half + 0.013 - side - 0.7 * np.maximum(y, 0)) / 0.016)
     line = 0.010 - 0.55 * np.maximum(side - half - 0.004, 0) + 1.2 * np.maximum(side - 0.048, 0)
     low = _smooth((line - 0.006 - y) / 0.014)
     bare = np.exp(-(((side - 0.016) / 0.006) ** 2) - ((y + 0.016) / 0.005) ** 2)

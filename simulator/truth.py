@@ -134,7 +134,7 @@ def truth(motion: Motion, mouth: Mouth, camera: Camera | None = None, times: np.
         raise InputError(f"expected lips at finite places, got NaN or infinity at {at:g} s; solve with a smaller step")
     time_s = np.asarray(motion.time_s, float)
     columns = len(mouth.upper)
-    place = motion.positions.reshape(-1, 2, columns, 2, 3)
+    place = motion.positions.reshape(len(time_s), 2, columns, 2, 3)
     rest = motion.nodes.reshape(2, columns, 2, 3)
     edges = lip_edges(place[:, 0], place[:, 1], rest[0], rest[1], motion.saliva.state)
     lips = np.stack([edges.upper, edges.lower])

@@ -77,17 +77,14 @@ def write_video(
     return count
 
 
-def compressed(
-    frames: Iterable[np.ndarray], frame_rate: float | Fraction = 30, crf: int = 28
-) -> Iterator[np.ndarray]:
+def compressed(frames: Iterable[np.ndarray], frame_rate: float | Fraction = 30, crf: int = 28) -> Iterator[np.ndarray]:
     """The frames as they look after H.264 compression, in order: encoded and decoded in memory.
 
     Odd sizes lose their last row or column to the encoder and get it back as a copy of the one before.
     """
     rate = _rate(frame_rate)
     encoder = decoder = size = None
-    count = 0
-    for frame in frames:
+    for number, frame in enumerate(frames):
         if encoder is None:
             size = _checked(frame, None)
             encoder = av.CodecContext.create("libx264", "w")
@@ -100,9 +97,8 @@ def compressed(
             decoder.thread_count = 1
         _checked(frame, size)
         even = np.ascontiguousarray(frame[: encoder.height, : encoder.width])
-        for packet in encoder.encode(_picture(even, "yuv420p", count, 1 / rate)):
+        for packet in encoder.encode(_picture(even, "yuv420p", number, 1 / rate)):
             yield from _decoded(decoder, packet, size)
-        count += 1
     if encoder is not None:
         for packet in encoder.encode(None):
             yield from _decoded(decoder, packet, size)
