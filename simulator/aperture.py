@@ -16,7 +16,7 @@ from simulator.motion import INTACT
 
 # What is less high is not an opening: a tenth of a pixel where the mouth is 250 px wide, a twentieth of the film, and
 # well above the 1 µm or so by which glued lips part before the saliva breaks.
-SEEN_M = 2e-5
+SEEN_M = 1e-4
 _TOUCHING = 1e-6  # of the above: where it is less high the lips touch and part an opening in two, rounding or not
 _SAME = 1e-9  # relative, for a distance that equals the one at rest
 

@@ -15,7 +15,7 @@ import numpy as np
 from simulator.errors import InputError
 
 FULL_LEVEL = 10.0  # the strongest stickiness of the study (thesis 5.1)
-FULL_STRENGTH = 0.006  # K of eq. 3.67, so that this is Z - 1 at the full level
+FULL_STRENGTH = 0.0016  # K of eq. 3.67, so that this is Z - 1 at the full level
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,8 +11,18 @@ import numpy as np
 from simulator.errors import InputError
 from simulator.moisture import Lick
 
-DECAY_S = 0.001  # the force of a broken element falls by e in this time: 0.99 per step of 1e-5 s (eq. 3.62)
+DECAY_S = 0.02  # the force of a broken element falls by e in this time; 0.001 s in eq. 3.62, 0.01 s in algorithm 1
+POOLING = 36.0  # how many times as strong the saliva is at the corners as in the middle (docs/validation.md)
 RAMP_S = 0.01  # an element that sticks again gets its force back over this time (thesis 3.5.3)
+
+
+def pooled(place: np.ndarray, pooling: float) -> np.ndarray:
+    """Factor on the strength at places from -1 to 1 along the lips: 1 in the middle, `pooling` at the corners.
+
+    Saliva gathers in the corners of the mouth. The tip of an opening is pulled the harder the longer the opening is, so
+    that with one strength everywhere the lips would come apart along their whole length as soon as they part anywhere.
+    """
+    return 1 + (pooling - 1) * np.abs(place) ** 3
 
 
 @dataclass(frozen=True, eq=False)

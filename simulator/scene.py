@@ -25,15 +25,16 @@ from simulator.look import Colour, Inside, Light, Look, Sensor, Skin
 from simulator.materials import NeoHookean
 from simulator.model import Load, Model
 from simulator.moisture import FULL_LEVEL, Lick, strength_of_level
-from simulator.mouth import SALIVA, Mouth, MouthShape, mouth_mesh
+from simulator.mouth import COMMISSURE, SALIVA, Mouth, MouthShape, mouth_mesh
 from simulator.muscles import JAW, MUSCLES, Activation, Jaw, jaw, muscle_loads, skull
 from simulator.obj_mesh import read_mouth_obj
-from simulator.saliva import DECAY_S, RAMP_S, Saliva
+from simulator.saliva import DECAY_S, POOLING, RAMP_S, Saliva, pooled
 from simulator.settings import from_table, parse_toml, read_toml
 from simulator.volumes import Box, Ellipsoid, read_closed_surface
 from simulator.wording import choices, nearest
 
 LONGEST_S = 600.0
+HIGHEST_POOLING = 1000.0
 HIGHEST_LEVEL = 1000.0  # ten times the study's strongest glue, and more, for special effects
 HIGHEST_RATE = 10_000.0  # frames per second
 MOST_FRAMES = 100_000
@@ -115,6 +116,7 @@ class Tissue:
     Parameters
     ----------
     shear_pa, bulk_pa : Neo-Hookean modulus, Pa
+    corner_shear_pa, corner_bulk_pa : that of the firm tissue at the ends of the line between the lips, Pa
     density : kg/m3
     damping_per_s : mass-proportional damping, 1/s: movements die out by e in twice its inverse
     hourglass : stiffness against shapes that elements of one integration point do not feel, dimensionless
@@ -122,6 +124,8 @@ class Tissue:
 
     shear_pa: float = 800.0
     bulk_pa: float = 7000.0
+    corner_shear_pa: float = 4000.0
+    corner_bulk_pa: float = 35000.0
     density: float = 1050.0
     damping_per_s: float = 20.0
     hourglass: float = 0.08
@@ -156,6 +160,7 @@ class Glue:
     Parameters
     ----------
     stickiness : level: 0 does not stick, 4 is slight, 7 normal, 10 strong, above 10 is for special effects
+    pooling : how many times as sticky the corners of the mouth are as its middle: saliva gathers there; 1 is even
     shear_pa, bulk_pa : Neo-Hookean modulus, Pa
     decay_s : the force of broken saliva falls by e in this time, s
     ramp_s : where the lips meet again the force comes back over this time, s
@@ -163,6 +168,7 @@ class Glue:
     """
 
     stickiness: float = 7.0
+    pooling: float = POOLING
     shear_pa: float = 7700.0
     bulk_pa: float = 191000.0
     decay_s: float = DECAY_S
@@ -171,6 +177,8 @@ class Glue:
 
     def __post_init__(self):
         _check_level(self.stickiness)
+        if not (math.isfinite(self.pooling) and 0 < self.pooling <= HIGHEST_POOLING):
+            raise InputError(f"expected a pooling above 0 and up to {HIGHEST_POOLING:g}, got {self.pooling:g}")
 
 
 @dataclass(frozen=True)
@@ -249,7 +257,7 @@ class Action:
     ----------
     name : which muscle, or jaw
     side : both, left or right of the face; the left of the face is right in the picture
-    peak_n : force of each side at an activation of 1, N; left out, the muscle's usual one
+    peak_n : force of each side at an activation of 1, N; left out, the muscle's usual one on a mouth of this size
     peak_m : for the jaw: how far the chin sinks at an activation of 1, m
     forward : force out of the mouth over that along the face; left out, the muscle's usual one
     keys : activation over time: [time in s, activation], and between two of them how the one leads to the other:
@@ -460,8 +468,9 @@ class Scene:
             materials=(
                 NeoHookean(tissue.shear_pa, tissue.bulk_pa, tissue.density),
                 NeoHookean(glue.shear_pa, glue.bulk_pa, tissue.density),
+                NeoHookean(tissue.corner_shear_pa, tissue.corner_bulk_pa, tissue.density),
             ),
-            material_of=(mouth.group == SALIVA).astype(np.int64),
+            material_of=np.select([mouth.group == SALIVA, mouth.group == COMMISSURE], [1, 2], 0),
             loads=_loads(mouth, self.muscle),
             damping=tissue.damping_per_s,
             hourglass=tissue.hourglass,
@@ -475,6 +484,7 @@ class Scene:
         upper, lower = mouth.nodes[mouth.upper].sum(axis=1), mouth.nodes[mouth.lower].sum(axis=1)
         up = (upper - lower)[:-1] + (upper - lower)[1:]
         columns = (upper[:, 0] + lower[:, 0]) / 4  # x of the boundaries between the elements
+        place = ((columns[1:] + columns[:-1]) - (columns[0] + columns[-1])) / (columns[-1] - columns[0])  # -1 to 1
         level, moisture, drying = (
             np.full(len(mouth.saliva), value) for value in (glue.stickiness, wet.initial, wet.drying_per_s)
         )
@@ -498,7 +508,7 @@ class Scene:
         return Saliva(
             elements=mouth.saliva,
             up=up / np.linalg.norm(up, axis=1)[:, None],
-            strength=strength_of_level(FULL_LEVEL) * level / FULL_LEVEL,
+            strength=strength_of_level(FULL_LEVEL) * level / FULL_LEVEL * pooled(place, glue.pooling),
             moisture=moisture,
             drying_per_s=drying,
             licks=licks,
@@ -641,7 +651,14 @@ def _activation(action: Action) -> Activation:
     if action.volume_obj is not None:
         volume = read_closed_surface(action.volume_obj)
     peak = action.peak_m if action.peak_n is None else action.peak_n
-    return Activation(action.name, action.curve(), peak, action.side, volume, action.forward)
+    return Activation(
+        muscle=action.name,
+        peak=peak,
+        curve=action.curve(),
+        side=action.side,
+        volume=volume,
+        forward=action.forward,
+    )
 
 
 def _loads(mouth: Mouth, actions: tuple[Action, ...]) -> tuple[Load, ...]:
@@ -650,9 +667,8 @@ def _loads(mouth: Mouth, actions: tuple[Action, ...]) -> tuple[Load, ...]:
 
 
 def _spelled_out(action: Action) -> Action:
-    """The action with the muscle's usual peak and direction given."""
-    peak = _activation(action).peak
+    """The action with what is usual given, but for a usual force, which depends on the mouth's size."""
     if action.name == JAW:
-        return dataclasses.replace(action, peak_m=peak)
+        return dataclasses.replace(action, peak_m=_activation(action).peak)
     forward = MUSCLES[action.name].forward if action.forward is None else action.forward
-    return dataclasses.replace(action, peak_n=peak, forward=forward)
+    return dataclasses.replace(action, forward=forward)
