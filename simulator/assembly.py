@@ -188,7 +188,7 @@ def film_arrays(model: Model, parts: Partition) -> tuple[film.Film, np.ndarray]:
     count = len(parts.element_starts) - 1
     if model.saliva is None:
         none = np.zeros(0)
-        ends = np.zeros((0, 4), np.int64)
+        ends = np.zeros((0, 4), np.uintp)
         empty = np.zeros((0, 4)), np.zeros((0, 4)), *[none] * 6
         starts = np.zeros(count + 1, np.int64)
         return film.Film(ends, ends, *empty, np.ones(2), np.zeros((0, film.MEMORY)), starts), np.zeros(0, np.int64)
@@ -210,8 +210,8 @@ def film_arrays(model: Model, parts: Partition) -> tuple[film.Film, np.ndarray]:
         for name in ("shear_pa", "bulk_pa")
     )
     arrays = film.Film(
-        stored_at[lower],
-        stored_at[upper],
+        stored_at[lower].astype(np.uintp),
+        stored_at[upper].astype(np.uintp),
         length,
         np.einsum("skj,sj->sk", strut, normal),
         area,
@@ -357,10 +357,10 @@ def load_arrays(model: Model, parts: Partition, mass: np.ndarray) -> tuple[kerne
         force_n,
         force_curve.astype(np.uintp),
         np.searchsorted(force_dof, bounds),
-        moved_dof,
+        moved_dof.astype(np.uintp),
         moved_m,
-        moved_curve,
-        np.append(first, len(term_dof)),
+        moved_curve.astype(np.uintp),
+        np.append(first, len(term_dof)).astype(np.uintp),
         np.searchsorted(moved_dof, bounds),
         np.zeros(len(moved_dof)),
         face_nodes,
