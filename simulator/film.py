@@ -18,15 +18,18 @@ from simulator.motion import BROKEN, INTACT, STICKING
 
 TOUCHING = 1.0001  # mean normal stretch up to which a broken element counts as back at rest (thesis 3.5.4)
 FLATTEST = 0.05  # normal stretch below which the law goes on along its tangent in the powers of J
+INERTIA = 0.5  # from 1/4 on the film limits no time step
+NEAR = 2.0  # normal stretch from which on lips do not meet within a step
 GONE = 1e-12  # share of its force below which a broken element has none
 
 # What an element remembers: its state, time in that state (s), share left of the frozen forces, Q, Z, moisture, then
 # per strut the last force (3, N), the force at the break (3, N), and where it is at rest along the film (2); the last
-# forces on the axes A and B (6), and 1 where all last forces are 0.
+# forces on the axes A and B (6), 1 where all last forces are 0, the normal, and per strut its stiffness
+# (N/m), whether it has it now, and J.
 STATE, SINCE, LEFT, Q_NOW, Z_NOW, MOISTURE_NOW, LAST = 0, 1, 2, 3, 4, 5, 6
 FROZEN, OFFSET, AXES = LAST + 12, LAST + 24, LAST + 32
-RESTS = LAST + 38
-MEMORY = LAST + 39
+RESTS, NORMAL, STIFF, HOLDS, STRETCH = LAST + 38, LAST + 39, LAST + 42, LAST + 46, LAST + 50
+MEMORY = LAST + 54
 
 
 class Film(NamedTuple):
@@ -42,6 +45,12 @@ class Film(NamedTuple):
     times : (2,) decay and ramp, s
     memory : (F, MEMORY)
     starts : (P + 1,)
+    pair_lower, pair_upper : (D,) stored nodes that struts join, sorted by the part that owns the lower one
+    pair_struts : numbers 4 f + k of the struts of all pairs, those of pair d from pair_first[d] (D + 1,) on
+    pair_upper_part : (D,) the part that owns the upper one
+    pair_memory : (D, 4) stiffness times `INERTIA` in the last step, N/m, and the force that eased it, N
+    pair_starts : (P + 1,)
+    divided : 1 where the ends of a pair belong to different parts
     """
 
     lower: np.ndarray
@@ -57,6 +66,14 @@ class Film(NamedTuple):
     times: np.ndarray
     memory: np.ndarray
     starts: np.ndarray
+    pair_lower: np.ndarray
+    pair_upper: np.ndarray
+    pair_struts: np.ndarray
+    pair_first: np.ndarray
+    pair_upper_part: np.ndarray
+    pair_memory: np.ndarray
+    pair_starts: np.ndarray
+    divided: int
 
 
 @njit(forceinline=True)
@@ -139,6 +156,9 @@ def pull_film(film, nodes, part, elapsed, dt):
         memory[f, STATE], memory[f, SINCE], memory[f, LEFT] = state, since, left
         memory[f, Q_NOW], memory[f, Z_NOW], memory[f, MOISTURE_NOW] = Q, Z, moisture
 
+        memory[f, NORMAL], memory[f, NORMAL + 1], memory[f, NORMAL + 2] = n
+        memory[f, STRETCH], memory[f, STRETCH + 1], memory[f, STRETCH + 2], memory[f, STRETCH + 3] = J_0, J_1, J_2, J_3
+
         share = 1.0  # of the glue's force
         if state == STICKING:
             share = since / ramp
@@ -149,10 +169,18 @@ def pull_film(film, nodes, part, elapsed, dt):
         else:
             left = 0.0
         G, K, area = film.shear[f], film.bulk[f], film.area[f]
-        across_0, along_0, aside_0 = _tractions(J_0, a_0, b_0, share, G, K, area)
-        across_1, along_1, aside_1 = _tractions(J_1, a_1, b_1, share, G, K, area)
-        across_2, along_2, aside_2 = _tractions(J_2, a_2, b_2, share, G, K, area)
-        across_3, along_3, aside_3 = _tractions(J_3, a_3, b_3, share, G, K, area)
+        across_0, along_0, aside_0, stiff_0 = _tractions(J_0, a_0, b_0, share, G, K, area)
+        memory[f, STIFF + 0] = stiff_0 * c_0 / film.length[f, 0]
+        memory[f, HOLDS + 0] = 1.0 if share > 0.0 or J_0 < 1.0 else 0.0
+        across_1, along_1, aside_1, stiff_1 = _tractions(J_1, a_1, b_1, share, G, K, area)
+        memory[f, STIFF + 1] = stiff_1 * c_1 / film.length[f, 1]
+        memory[f, HOLDS + 1] = 1.0 if share > 0.0 or J_1 < 1.0 else 0.0
+        across_2, along_2, aside_2, stiff_2 = _tractions(J_2, a_2, b_2, share, G, K, area)
+        memory[f, STIFF + 2] = stiff_2 * c_2 / film.length[f, 2]
+        memory[f, HOLDS + 2] = 1.0 if share > 0.0 or J_2 < 1.0 else 0.0
+        across_3, along_3, aside_3, stiff_3 = _tractions(J_3, a_3, b_3, share, G, K, area)
+        memory[f, STIFF + 3] = stiff_3 * c_3 / film.length[f, 3]
+        memory[f, HOLDS + 3] = 1.0 if share > 0.0 or J_3 < 1.0 else 0.0
         # Moments that go with the turning of the axes.
         tilt_a_0, tilt_b_0, spin_0 = _moments(film.length[f, 0], n, a, b, e_0, across_0, along_0, aside_0)
         tilt_a_1, tilt_b_1, spin_1 = _moments(film.length[f, 1], n, a, b, e_1, across_1, along_1, aside_1)
@@ -180,6 +208,74 @@ def pull_film(film, nodes, part, elapsed, dt):
         memory[f, AXES + 3], memory[f, AXES + 4], memory[f, AXES + 5] = f_B
         memory[f, RESTS] = 1.0 if share == 0.0 and left == 0.0 and min(min(J_0, J_1), min(J_2, J_3)) >= 1.0 else 0.0
     return work
+
+
+@njit
+def ease_film(film, nodes, part, keep):
+    """Give the two ends of stiff struts inertia against moving relative to each other; return what it takes, J.
+
+    With M + B dt^2 k in place of the mass M, k the stiffness of the struts and B `INERTIA`, their frequency stays below
+    1 / (sqrt(B) dt) whatever the step. Ends that would meet within the step share their momentum with the inertia that
+    this adds, so that they neither overlap by much nor bounce; where they part it is dropped. Both take energy, and
+    never give any. All is written as equal and opposite forces on the ends, which hold the sum of all parts' forces.
+
+    keep : as in kernels.advance
+    """
+    du, memory, own, four = nodes.du, film.memory, nodes.forces[part], np.uintp(4)
+    work = 0.0
+    for d in range(np.uintp(film.pair_starts[part]), np.uintp(film.pair_starts[part + 1])):
+        low, up = film.pair_lower[d], film.pair_upper[d]
+        of_up = nodes.forces[film.pair_upper_part[d]]
+        added, near = 0.0, False
+        for i in range(film.pair_first[d], film.pair_first[d + np.uintp(1)]):
+            f, k = film.pair_struts[i] // four, film.pair_struts[i] % four
+            added += INERTIA * memory[f, np.uintp(STIFF) + k] * memory[f, np.uintp(HOLDS) + k]
+            near |= memory[f, np.uintp(STRETCH) + k] < NEAR
+        if added == 0.0 and near:
+            moved = (
+                keep * (du[up, 0] - du[low, 0]) - _pull_apart(nodes, own, of_up, low, up, np.uintp(0)),
+                keep * (du[up, 1] - du[low, 1]) - _pull_apart(nodes, own, of_up, low, up, np.uintp(1)),
+                keep * (du[up, 2] - du[low, 2]) - _pull_apart(nodes, own, of_up, low, up, np.uintp(2)),
+            )
+            for i in range(film.pair_first[d], film.pair_first[d + np.uintp(1)]):
+                f, k = film.pair_struts[i] // four, film.pair_struts[i] % four
+                n = memory[f, NORMAL], memory[f, NORMAL + 1], memory[f, NORMAL + 2]
+                J = memory[f, np.uintp(STRETCH) + k] + _dot(n, moved) / (film.slant[f, k] * film.length[f, k])
+                if J < 1.0:
+                    added += INERTIA * memory[f, np.uintp(STIFF) + k]
+        before = film.pair_memory[d, 0]
+        if added == 0.0 and before == 0.0:
+            continue
+        film.pair_memory[d, 0] = added
+        for i in range(np.uintp(3)):
+            compliance = _compliance(nodes, low, i) + _compliance(nodes, up, i)
+            moved_i = du[up, i] - du[low, i]
+            shared = moved_i
+            if added > before:
+                shared *= (1.0 + before * compliance) / (1.0 + added * compliance)
+            # The increments' difference without and with the added inertia, and the force that makes up for it.
+            pull = _pull_apart(nodes, own, of_up, low, up, i)
+            eased = shared + ((keep - 1.0) * shared - pull) / (1.0 + added * compliance)
+            force = (keep * moved_i - pull - eased) / compliance if compliance > 0.0 else 0.0
+            at = np.uintp(1) + i
+            work += 0.5 * (film.pair_memory[d, at] + force) * moved_i
+            film.pair_memory[d, at] = force
+            own[low, i] -= force
+            of_up[up, i] += force
+    return work
+
+
+@njit(forceinline=True)
+def _pull_apart(nodes, of_low, of_up, low, up, axis):
+    """By how much the forces on the ends of a strut, less inertia and damping, shorten their difference in a step, m."""
+    return _compliance(nodes, up, axis) * of_up[up, axis] - _compliance(nodes, low, axis) * of_low[low, axis]
+
+
+@njit(forceinline=True)
+def _compliance(nodes, node, axis):
+    """As kernels.Nodes has it, but 0 where the displacement is prescribed."""
+    c = np.float64(nodes.compliance[node, axis])
+    return c if c != 1.0 else 0.0
 
 
 @njit(forceinline=True)
@@ -218,8 +314,11 @@ def _freeze(memory, f, n):
 
 @njit(forceinline=True)
 def _tractions(J, g_a, g_b, share, G, K, area):
-    """Forces of a strut along n, a and b, N: its share of the glue's, and contact for the rest."""
+    """Forces of a strut along n, a and b, N: its share of the glue's, and contact for the rest; and its area times the
+    slope of the traction over J, N."""
     across, along, aside = 0.0, 0.0, 0.0
+    y = _inverse_cbrt(min(max(J, FLATTEST), 1.0))
+    stiff = K + G * (2.0 / 9.0 * y**2 + 10.0 / 9.0 * y**8)
     if J < 1.0 and share < 1.0:  # what the film would do without shear
         s, r = traction(J, J * J, G, K)
         across = (1.0 - share) * (s * J + r)
@@ -227,7 +326,7 @@ def _tractions(J, g_a, g_b, share, G, K, area):
         s, r = traction(J, J * J + g_a * g_a + g_b * g_b, G, K)
         across += share * (s * J + r)
         along, aside = share * s * g_a, share * s * g_b
-    return area * across, area * along, area * aside
+    return area * across, area * along, area * aside, area * stiff
 
 
 @njit(forceinline=True)

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numba.extending import overload
 
-from simulator.film import pull_film
+from simulator.film import ease_film, pull_film
 from simulator.simd import (
     gather,
     inverse_cbrt,
@@ -880,6 +880,16 @@ def advance(
             if pulled:
                 mine[WORK] += _pull_nodes(nodes, part, gravity[at - 1], gravity[at])
             _join_forces(nodes, part)
+        if film.divided:
+            meeting += 1
+            meet(arrived, threads, meeting)
+        for part in range(first, last):
+            stats[parity, part, GLUE] += ease_film(film, nodes, part, keep)
+        if film.divided:
+            meeting += 1
+            meet(arrived, threads, meeting)
+        for part in range(first, last):
+            mine = stats[parity, part]
             mine[WORK] += _move_nodes(loads, nodes, part, curves, at, keep, damping, dt)
             _advance_nodes(nodes, part, keep, mine)
         meeting += 1
