@@ -72,7 +72,7 @@ def zip_time_s(found: Truth) -> float:
 def table() -> list[str]:
     """A row for each scene and level, in Markdown."""
     rows = [
-        "| scene | level | onset, s | width 90 % after, s | width, height at the end | height over that at the end | openings |",
+        "| scene | level | onset, s | width 90 % after, s | width, height at the end | height over that | openings |",
         "|---|---|---|---|---|---|---|",
     ]
     for name, level in [(name, level) for name in ACTIONS for level in LEVELS] + [(name, None) for name in ONE_EACH]:
