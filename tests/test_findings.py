@@ -215,3 +215,15 @@ def test_glue_that_is_strong_enough_holds():
     found = clip("glued_shut", None, "low")
     assert (found.frames["status"] == "closed").all()
     assert (found.saliva["state"] == "intact").all()
+
+
+@pytest.mark.parametrize("name", ["p", "puppy"])
+def test_pressed_lips_do_not_pass_through_each_other(name):
+    motion, _ = findings.moved(name, 7, "low")
+    mouth = findings.scene(name, 7, "low").face.mouth()
+    height = np.linalg.norm(motion.positions[:, mouth.upper] - motion.positions[:, mouth.lower], axis=-1)
+    rest = np.linalg.norm(mouth.nodes[mouth.upper] - mouth.nodes[mouth.lower], axis=-1)
+    upright = motion.positions[:, mouth.upper, 1] > motion.positions[:, mouth.lower, 1]
+    assert upright.all()
+    assert (rest - height).max() < 0.05 * mouth.shape.thickness_m
+    assert motion.saliva.stretch.min() < 1  # they are pressed
