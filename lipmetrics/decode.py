@@ -124,7 +124,7 @@ def decode(odds: np.ndarray, region: tuple[int, int, int, int] | None = None, le
     """
     row0, row1, col0, col1 = region or (0, odds.shape[1], 0, odds.shape[2])
     left, right, found = _decode(
-        odds[:, row0:row1, col0:col1],
+        np.ascontiguousarray(odds[:, row0:row1, col0:col1]),  # else all is compiled twice
         np.float32(lean),
         _column_costs(odds.shape[2])[col0:col1],
         _LOGISTIC,
