@@ -177,8 +177,9 @@ def _moment(measured_s: float | list[float], true_s: float | list[float], step_s
     if isinstance(true_s, list):
         true_s = true_s[0] if true_s else math.nan
         measured_s = min(measured_s, key=lambda s: abs(s - true_s), default=math.nan)
-    off_s = measured_s - true_s
-    return {"true_s": true_s, "measured_s": measured_s, "off_ms": 1000 * off_s, "off_frames": off_s / step_s}
+    off_ms, off_frames = 1000 * (measured_s - true_s), (measured_s - true_s) / step_s
+    rounded = {"off_ms": round(off_ms, 2) + 0.0, "off_frames": round(off_frames, 2) + 0.0}  # the tables' times are
+    return {"true_s": true_s, "measured_s": measured_s, **rounded}
 
 
 def _first_open_s(profile: Profile) -> float:

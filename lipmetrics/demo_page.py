@@ -24,7 +24,7 @@ from lipmetrics.profile import Profile
 
 TRUE_RGB, MEASURED_RGB = (0, 230, 118), (255, 23, 68)
 TRUE_COLOUR, MEASURED_COLOUR = "#00b35c", "#d5143c"
-COLUMNS = 4
+COLUMNS = 3
 TILE_WIDTH_PX = 320
 MARGIN_MW = 0.3  # around the mouth, in mouth widths
 TEXT_PX, LINE_PX, GAP_PX, CAPTION_LINES = 10, 18, 8, 3
@@ -128,7 +128,8 @@ def key_moments(measured: Profile, truth: Profile) -> dict[int, str]:
         picks += [(highest, "highest"), ((highest + last) // 2, "closing"), (last, "last seen open")]
         if seen.any():
             picks += [(int(np.flatnonzero(seen)[0]), "first measured open")]
-            picks += [(int(off.argmax()), "largest error in height"), (int(wide.argmax()), "largest error in width")]
+            errors = {"height": off, "width": wide}
+            picks += [(int(e.argmax()), f"largest error in {name}") for name, e in errors.items() if e.max() > 0]
     reasons: dict[int, str] = {}
     for pick, reason in picks:
         there = int(at[pick])
@@ -208,7 +209,8 @@ measured like any recording, and what was measured is compared with the openings
 <p>{escape(simulated.about)}.</p>
 {_table(simulated.facts.items())}
 <video controls loop muted playsinline src="{_inline(video, "video/mp4")}"></video>
-<p class="note">The film with what was measured drawn in; each opening has a colour that it keeps.</p>
+<p class="note">The film with what was measured drawn in; each opening has a colour that it keeps.
+{_view(path, simulated)}</p>
 <h2>Key moments</h2>
 <img alt="Frames with the true and the measured outlines" src="{_inline(moments, "image/png")}">
 <h2>Over time</h2>
@@ -281,6 +283,13 @@ def shortcomings(report: dict) -> list[str]:
         "The truth counts an opening from 0.02 mm on, a small part of a pixel, so an onset can only be seen later "
         "in a film, never at the very moment.",
     ]
+
+
+def _view(path: Path, simulated: Simulated) -> str:
+    view = f"{simulated.stem}.view.html"
+    if not path.with_name(view).exists():
+        return ""
+    return f'The simulated mouth itself, from all sides: <a href="{escape(view)}">{escape(view)}</a>.'
 
 
 def _errors(report: dict) -> str:
