@@ -187,11 +187,9 @@ def film_arrays(model: Model, parts: Partition) -> tuple[film.Film, np.ndarray]:
     """The saliva as the kernels have it, at rest, and (F,) where each row is in `model.saliva`; empty without one."""
     count = len(parts.element_starts) - 1
     if model.saliva is None:
-        none = np.zeros(0)
-        ends = np.zeros((0, 4), np.int64)
-        empty = np.zeros((0, 4)), np.zeros((0, 4)), *[none] * 6
-        starts = np.zeros(count + 1, np.int64)
-        return film.Film(ends, ends, *empty, np.ones(2), np.zeros((0, film.MEMORY)), starts), np.zeros(0, np.int64)
+        none, ends, starts = np.zeros(0), np.zeros((0, 4), np.uintp), np.zeros(count + 1, np.int64)
+        empty = np.zeros((0, 4)), np.zeros((0, 4)), *[none] * 6, np.ones(2), np.zeros((0, film.MEMORY)), starts
+        return film.Film(ends, ends, *empty, *_pairs(ends, ends, parts)), np.zeros(0, np.int64)
     saliva = model.saliva
     visited_at = np.empty(len(model.elements), np.int64)
     real = parts.elements >= 0
@@ -210,8 +208,8 @@ def film_arrays(model: Model, parts: Partition) -> tuple[film.Film, np.ndarray]:
         for name in ("shear_pa", "bulk_pa")
     )
     arrays = film.Film(
-        stored_at[lower],
-        stored_at[upper],
+        stored_at[lower].astype(np.uintp),
+        stored_at[upper].astype(np.uintp),
         length,
         np.einsum("skj,sj->sk", strut, normal),
         area,
@@ -223,8 +221,30 @@ def film_arrays(model: Model, parts: Partition) -> tuple[film.Film, np.ndarray]:
         np.array([saliva.decay_s, saliva.ramp_s]),
         memory,
         np.searchsorted(visited_at[saliva.elements[order]], parts.element_starts),
+        *_pairs(stored_at[lower], stored_at[upper], parts),
     )
     return arrays, order
+
+
+def _pairs(lower: np.ndarray, upper: np.ndarray, parts: Partition) -> tuple:
+    """The last fields of film.Film: pairs of nodes that struts from `lower` to `upper` (S, 4) join."""
+    ends = np.stack([lower.ravel(), upper.ravel()], axis=1).astype(np.int64)
+    pairs, number = np.unique(ends, axis=0, return_inverse=True)
+    number = number.ravel()
+    of_upper = np.searchsorted(parts.node_starts, pairs[:, 1], side="right") - 1
+    starts = np.searchsorted(pairs[:, 0], parts.node_starts)
+    of_lower = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
+    struts = np.argsort(number, kind="stable")
+    return (
+        pairs[:, 0].astype(np.uintp),
+        pairs[:, 1].astype(np.uintp),
+        struts.astype(np.uintp),
+        np.searchsorted(number[struts], np.arange(len(pairs) + 1)).astype(np.uintp),
+        of_upper,
+        np.zeros((len(pairs), 4)),
+        starts,
+        int((of_upper != of_lower).any()),
+    )
 
 
 def _history(model: Model, dt: float) -> tuple[np.ndarray, int]:
@@ -357,10 +377,10 @@ def load_arrays(model: Model, parts: Partition, mass: np.ndarray) -> tuple[kerne
         force_n,
         force_curve.astype(np.uintp),
         np.searchsorted(force_dof, bounds),
-        moved_dof,
+        moved_dof.astype(np.uintp),
         moved_m,
-        moved_curve,
-        np.append(first, len(term_dof)),
+        moved_curve.astype(np.uintp),
+        np.append(first, len(term_dof)).astype(np.uintp),
         np.searchsorted(moved_dof, bounds),
         np.zeros(len(moved_dof)),
         face_nodes,

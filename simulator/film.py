@@ -18,13 +18,18 @@ from simulator.motion import BROKEN, INTACT, STICKING
 
 TOUCHING = 1.0001  # mean normal stretch up to which a broken element counts as back at rest (thesis 3.5.4)
 FLATTEST = 0.05  # normal stretch below which the law goes on along its tangent in the powers of J
+INERTIA = 0.5  # from 1/4 on the film limits no time step
+NEAR = 2.0  # normal stretch from which on lips do not meet within a step
 GONE = 1e-12  # share of its force below which a broken element has none
 
 # What an element remembers: its state, time in that state (s), share left of the frozen forces, Q, Z, moisture, then
-# per strut the last force (3, N), the force at the break (3, N), and where it is at rest along the film (2).
+# per strut the last force (3, N), the force at the break (3, N), and where it is at rest along the film (2); the last
+# forces on the axes A and B (6), 1 where all last forces are 0, the normal, and per strut its stiffness
+# (N/m), whether it has it now, and J.
 STATE, SINCE, LEFT, Q_NOW, Z_NOW, MOISTURE_NOW, LAST = 0, 1, 2, 3, 4, 5, 6
 FROZEN, OFFSET, AXES = LAST + 12, LAST + 24, LAST + 32
-MEMORY = LAST + 38
+RESTS, NORMAL, STIFF, HOLDS, STRETCH = LAST + 38, LAST + 39, LAST + 42, LAST + 46, LAST + 50
+MEMORY = LAST + 54
 
 
 class Film(NamedTuple):
@@ -40,6 +45,12 @@ class Film(NamedTuple):
     times : (2,) decay and ramp, s
     memory : (F, MEMORY)
     starts : (P + 1,)
+    pair_lower, pair_upper : (D,) stored nodes that struts join, sorted by the part that owns the lower one
+    pair_struts : numbers 4 f + k of the struts of all pairs, those of pair d from pair_first[d] (D + 1,) on
+    pair_upper_part : (D,) the part that owns the upper one
+    pair_memory : (D, 4) stiffness times `INERTIA` in the last step, N/m, and the force that eased it, N
+    pair_starts : (P + 1,)
+    divided : 1 where the ends of a pair belong to different parts
     """
 
     lower: np.ndarray
@@ -55,18 +66,37 @@ class Film(NamedTuple):
     times: np.ndarray
     memory: np.ndarray
     starts: np.ndarray
+    pair_lower: np.ndarray
+    pair_upper: np.ndarray
+    pair_struts: np.ndarray
+    pair_first: np.ndarray
+    pair_upper_part: np.ndarray
+    pair_memory: np.ndarray
+    pair_starts: np.ndarray
+    divided: int
 
 
-@njit(inline="always")
+@njit(forceinline=True)
 def traction(J, Q, G, K):
     """Coefficients a, b of the traction a s + b n of a stretch s = J n + shear, Q = s . s, Pa.
 
     From psi = G/2 (J^(-2/3) (2 + Q) - 3) + K/2 (J - 1)^2, neo-Hookean with tr C = 2 + Q.
     """
     bounded = max(J, FLATTEST)
-    root = bounded ** (-1.0 / 3.0)
+    root = _inverse_cbrt(bounded)
     a = G * root * root
     return a, K * (J - 1.0) - a * (2.0 + Q) / (3.0 * bounded)
+
+
+@njit(forceinline=True)
+def _inverse_cbrt(x):
+    """x^(-1/3), near 1 to a rounding error or two from its series and one step of Householder's method."""
+    d = x - 1.0
+    if abs(d) > 0.05:
+        return x ** (-1.0 / 3.0)
+    y = 1.0 + d * (-1.0 / 3.0 + d * (2.0 / 9.0))
+    e = 1.0 - x * (y * y * y)
+    return y + y * e * (1.0 / 3.0 + e * (2.0 / 9.0 + e * (14.0 / 81.0)))
 
 
 @njit
@@ -78,123 +108,278 @@ def pull_film(film, nodes, part, elapsed, dt):
 
     elapsed : time since `film.moisture` was right, s
     """
-    u, du, rest, own = nodes.u, nodes.du, nodes.rest, nodes.forces[part]
+    du, own, memory = nodes.du, nodes.forces[part], film.memory
     fade = np.exp(-dt / film.times[0])
     ramp = film.times[1]
     work = 0.0
-    middle, e = np.empty((4, 3)), np.empty((4, 3))  # twice the middles of the struts, and the struts over their lengths
-    A, B, a, b, n = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    force, f_A, f_B = np.empty((4, 3)), np.empty(3), np.empty(3)
-    for f in range(film.starts[part], film.starts[part + 1]):
-        memory = film.memory[f]
-        for k in range(4):
-            low, up = film.lower[f, k], film.upper[f, k]
-            for i in range(3):
-                p, q = rest[low, i] + u[low, i], rest[up, i] + u[up, i]
-                middle[k, i] = q + p
-                e[k, i] = (q - p) / film.length[f, k]
+    for f in range(np.uintp(film.starts[part]), np.uintp(film.starts[part + 1])):
+        middle_0, e_0 = _strut(film, nodes, f, 0)
+        middle_1, e_1 = _strut(film, nodes, f, 1)
+        middle_2, e_2 = _strut(film, nodes, f, 2)
+        middle_3, e_3 = _strut(film, nodes, f, 3)
         # Unit vectors: a along the film, n across it, b = n x a.
-        for i in range(3):
-            A[i] = middle[1, i] + middle[2, i] - middle[0, i] - middle[3, i]
-            B[i] = middle[2, i] + middle[3, i] - middle[0, i] - middle[1, i]
-        _cross(A, B, n)
-        length_A = _unit(A, a)
-        _unit(n, n)
-        _cross(n, a, b)
-        beta_a, beta_b = _dot(B, a), _dot(B, b)
+        forth, back = _minus(middle_2, middle_0), _minus(middle_1, middle_3)
+        A, B = _plus(forth, back), _minus(forth, back)
+        n, length_A = _cross(A, B), np.sqrt(_dot(A, A))
+        a, n = _times(1.0 / length_A, A), _times(1.0 / np.sqrt(_dot(n, n)), n)
+        b = _cross(n, a)
 
-        mean_J, mean_a, mean_b = 0.0, 0.0, 0.0
-        for k in range(4):
-            inverse = 0.25 / film.slant[f, k]
-            mean_J += inverse * _dot(n, e[k])
-            mean_a += inverse * (_dot(a, e[k]) - memory[OFFSET + 2 * k])
-            mean_b += inverse * (_dot(b, e[k]) - memory[OFFSET + 2 * k + 1])
+        # Stretch across the film and shear along a and b, of each strut and on average.
+        c_0, c_1 = 1.0 / film.slant[f, 0], 1.0 / film.slant[f, 1]
+        c_2, c_3 = 1.0 / film.slant[f, 2], 1.0 / film.slant[f, 3]
+        J_0, J_1, J_2, J_3 = c_0 * _dot(n, e_0), c_1 * _dot(n, e_1), c_2 * _dot(n, e_2), c_3 * _dot(n, e_3)
+        a_0, b_0 = _slip(memory, f, 0, c_0, a, b, e_0)
+        a_1, b_1 = _slip(memory, f, 1, c_1, a, b, e_1)
+        a_2, b_2 = _slip(memory, f, 2, c_2, a, b, e_2)
+        a_3, b_3 = _slip(memory, f, 3, c_3, a, b, e_3)
+        mean_J = 0.25 * ((J_0 + J_1) + (J_2 + J_3))
+        mean_a, mean_b = 0.25 * ((a_0 + a_1) + (a_2 + a_3)), 0.25 * ((b_0 + b_1) + (b_2 + b_3))
         Q = mean_J * mean_J + mean_a * mean_a + mean_b * mean_b
         moisture = max(0.0, film.moisture[f] - film.drying[f] * elapsed)
         Z = 1.0 if moisture > 1.0 else 1.0 + film.strength[f] * moisture
 
-        state = int(memory[STATE])
-        memory[SINCE] += dt
+        state, since, left = memory[f, STATE], memory[f, SINCE] + dt, memory[f, LEFT]
         if state == BROKEN:
-            memory[LEFT] = memory[LEFT] * fade if memory[LEFT] > GONE else 0.0
+            left = left * fade if left > GONE else 0.0
             if Z > 1.0 and mean_J <= TOUCHING:
-                state = STICKING
-                memory[SINCE] = 0.0
-                for k in range(4):
-                    memory[OFFSET + 2 * k], memory[OFFSET + 2 * k + 1] = _dot(a, e[k]), _dot(b, e[k])
+                state, since = STICKING, 0.0
+                a_0, b_0 = _lie(memory, f, 0, a, b, e_0)
+                a_1, b_1 = _lie(memory, f, 1, a, b, e_1)
+                a_2, b_2 = _lie(memory, f, 2, a, b, e_2)
+                a_3, b_3 = _lie(memory, f, 3, a, b, e_3)
                 Q = mean_J * mean_J
         elif Q >= Z:
-            state = BROKEN
-            memory[SINCE], memory[LEFT] = 0.0, 1.0
-            for k in range(4):  # where the film is squeezed contact goes on, and glue has no force to leave
-                pulled = _dot(n, memory[LAST + 3 * k : LAST + 3 * k + 3]) > 0.0
-                for i in range(3 * k, 3 * k + 3):
-                    memory[FROZEN + i] = memory[LAST + i] if pulled else 0.0
-        elif state == STICKING and memory[SINCE] >= ramp:
+            state, since, left = BROKEN, 0.0, 1.0
+            _freeze(memory, f, n)
+        elif state == STICKING and since >= ramp:
             state = INTACT
-        memory[STATE], memory[Q_NOW], memory[Z_NOW], memory[MOISTURE_NOW] = state, Q, Z, moisture
+        memory[f, STATE], memory[f, SINCE], memory[f, LEFT] = state, since, left
+        memory[f, Q_NOW], memory[f, Z_NOW], memory[f, MOISTURE_NOW] = Q, Z, moisture
 
-        share, left = 1.0, 0.0  # of the glue's force, of the frozen one
+        memory[f, NORMAL], memory[f, NORMAL + 1], memory[f, NORMAL + 2] = n
+        memory[f, STRETCH], memory[f, STRETCH + 1], memory[f, STRETCH + 2], memory[f, STRETCH + 3] = J_0, J_1, J_2, J_3
+
+        share = 1.0  # of the glue's force
         if state == STICKING:
-            share = memory[SINCE] / ramp
+            share = since / ramp
         elif state == BROKEN:
-            share, left = 0.0, memory[LEFT]
+            share = 0.0
+            if left == 0.0 and memory[f, RESTS] == 1.0 and min(min(J_0, J_1), min(J_2, J_3)) >= 1.0:
+                continue  # open: there was no force and there is none
+        else:
+            left = 0.0
         G, K, area = film.shear[f], film.bulk[f], film.area[f]
-        tilt_a, tilt_b, spin = 0.0, 0.0, 0.0  # moments that go with the turning of the axes
-        for k in range(4):
-            inverse = 1.0 / film.slant[f, k]
-            e_n, e_a, e_b = _dot(n, e[k]), _dot(a, e[k]), _dot(b, e[k])
-            J = inverse * e_n
-            across, along_a, along_b = 0.0, 0.0, 0.0
-            if J < 1.0 and share < 1.0:  # contact: what the film would do without shear
-                s, r = traction(J, J * J, G, K)
-                across = (1.0 - share) * (s * J + r)
-            if share > 0.0:
-                g_a, g_b = inverse * (e_a - memory[OFFSET + 2 * k]), inverse * (e_b - memory[OFFSET + 2 * k + 1])
-                s, r = traction(J, J * J + g_a * g_a + g_b * g_b, G, K)
-                across += share * (s * J + r)
-                along_a, along_b = share * s * g_a, share * s * g_b
-            across, along_a, along_b = area * across, area * along_a, area * along_b
-            arm = film.length[f, k]
-            tilt_a += arm * (along_a * e_n - across * e_a)
-            tilt_b += arm * (along_b * e_n - across * e_b)
-            spin += arm * (along_a * e_b - along_b * e_a)
-            for i in range(3):
-                frozen = left * memory[FROZEN + 3 * k + i]
-                force[k, i] = across * n[i] + along_a * a[i] + along_b * b[i] + frozen
-        for i in range(3):
-            f_A[i] = ((tilt_a - beta_a / beta_b * tilt_b) * n[i] + spin * b[i]) / length_A
-            f_B[i] = tilt_b / beta_b * n[i]
-        for k in range(4):
-            low, up = film.lower[f, k], film.upper[f, k]
-            sign_A, sign_B = -1.0 if k == 0 or k == 3 else 1.0, -1.0 if k < 2 else 1.0
-            for i in range(3):
-                at = LAST + 3 * k + i
-                both = sign_A * f_A[i] + sign_B * f_B[i]
-                before = sign_A * memory[AXES + i] + sign_B * memory[AXES + 3 + i]
-                work += 0.5 * (memory[at] + force[k, i]) * (du[up, i] - du[low, i])
-                work += 0.5 * (before + both) * (du[up, i] + du[low, i])
-                memory[at] = force[k, i]
-                own[up, i] += both + force[k, i]
-                own[low, i] += both - force[k, i]
-        memory[AXES : AXES + 3] = f_A
-        memory[AXES + 3 : AXES + 6] = f_B
+        across_0, along_0, aside_0, stiff_0 = _tractions(J_0, a_0, b_0, share, G, K, area)
+        memory[f, STIFF + 0] = stiff_0 * c_0 / film.length[f, 0]
+        memory[f, HOLDS + 0] = 1.0 if share > 0.0 or J_0 < 1.0 else 0.0
+        across_1, along_1, aside_1, stiff_1 = _tractions(J_1, a_1, b_1, share, G, K, area)
+        memory[f, STIFF + 1] = stiff_1 * c_1 / film.length[f, 1]
+        memory[f, HOLDS + 1] = 1.0 if share > 0.0 or J_1 < 1.0 else 0.0
+        across_2, along_2, aside_2, stiff_2 = _tractions(J_2, a_2, b_2, share, G, K, area)
+        memory[f, STIFF + 2] = stiff_2 * c_2 / film.length[f, 2]
+        memory[f, HOLDS + 2] = 1.0 if share > 0.0 or J_2 < 1.0 else 0.0
+        across_3, along_3, aside_3, stiff_3 = _tractions(J_3, a_3, b_3, share, G, K, area)
+        memory[f, STIFF + 3] = stiff_3 * c_3 / film.length[f, 3]
+        memory[f, HOLDS + 3] = 1.0 if share > 0.0 or J_3 < 1.0 else 0.0
+        # Moments that go with the turning of the axes.
+        tilt_a_0, tilt_b_0, spin_0 = _moments(film.length[f, 0], n, a, b, e_0, across_0, along_0, aside_0)
+        tilt_a_1, tilt_b_1, spin_1 = _moments(film.length[f, 1], n, a, b, e_1, across_1, along_1, aside_1)
+        tilt_a_2, tilt_b_2, spin_2 = _moments(film.length[f, 2], n, a, b, e_2, across_2, along_2, aside_2)
+        tilt_a_3, tilt_b_3, spin_3 = _moments(film.length[f, 3], n, a, b, e_3, across_3, along_3, aside_3)
+        tilt_a, tilt_b = (tilt_a_0 + tilt_a_1) + (tilt_a_2 + tilt_a_3), (tilt_b_0 + tilt_b_1) + (tilt_b_2 + tilt_b_3)
+        spin = (spin_0 + spin_1) + (spin_2 + spin_3)
+        turn = tilt_b / _dot(B, b)
+        f_A = _times(1.0 / length_A, _plus(_times(tilt_a - _dot(B, a) * turn, n), _times(spin, b)))
+        f_B = _times(turn, n)
+        # On both ends of struts 0 and 2, then of 1 and 3, whose signs differ.
+        both, other = _plus(f_A, f_B), _minus(f_A, f_B)
+        was_A = memory[f, AXES], memory[f, AXES + 1], memory[f, AXES + 2]
+        was_B = memory[f, AXES + 3], memory[f, AXES + 4], memory[f, AXES + 5]
+        mean, other_mean = _plus(both, _plus(was_A, was_B)), _plus(other, _minus(was_A, was_B))
+        force_0 = _pull(memory, f, 0, n, a, b, across_0, along_0, aside_0, left)
+        force_1 = _pull(memory, f, 1, n, a, b, across_1, along_1, aside_1, left)
+        force_2 = _pull(memory, f, 2, n, a, b, across_2, along_2, aside_2, left)
+        force_3 = _pull(memory, f, 3, n, a, b, across_3, along_3, aside_3, left)
+        work += _add_forces(film, memory, own, du, f, 0, force_0, _times(-1.0, both), _times(-1.0, mean))
+        work += _add_forces(film, memory, own, du, f, 1, force_1, other, other_mean)
+        work += _add_forces(film, memory, own, du, f, 2, force_2, both, mean)
+        work += _add_forces(film, memory, own, du, f, 3, force_3, _times(-1.0, other), _times(-1.0, other_mean))
+        memory[f, AXES], memory[f, AXES + 1], memory[f, AXES + 2] = f_A
+        memory[f, AXES + 3], memory[f, AXES + 4], memory[f, AXES + 5] = f_B
+        memory[f, RESTS] = 1.0 if share == 0.0 and left == 0.0 and min(min(J_0, J_1), min(J_2, J_3)) >= 1.0 else 0.0
     return work
 
 
-@njit(inline="always")
+@njit
+def ease_film(film, nodes, part, keep):
+    """Give the two ends of stiff struts inertia against moving relative to each other; return what it takes, J.
+
+    With M + B dt^2 k in place of the mass M, k the stiffness of the struts and B `INERTIA`, their frequency stays below
+    1 / (sqrt(B) dt) whatever the step. Ends that would meet within the step share their momentum with the inertia that
+    this adds, so that they neither overlap by much nor bounce; where they part it is dropped. Both take energy, and
+    never give any. All is written as equal and opposite forces on the ends, which hold the sum of all parts' forces.
+
+    keep : as in kernels.advance
+    """
+    du, memory, own, four = nodes.du, film.memory, nodes.forces[part], np.uintp(4)
+    work = 0.0
+    for d in range(np.uintp(film.pair_starts[part]), np.uintp(film.pair_starts[part + 1])):
+        low, up = film.pair_lower[d], film.pair_upper[d]
+        of_up = nodes.forces[film.pair_upper_part[d]]
+        added, near = 0.0, False
+        for i in range(film.pair_first[d], film.pair_first[d + np.uintp(1)]):
+            f, k = film.pair_struts[i] // four, film.pair_struts[i] % four
+            added += INERTIA * memory[f, np.uintp(STIFF) + k] * memory[f, np.uintp(HOLDS) + k]
+            near |= memory[f, np.uintp(STRETCH) + k] < NEAR
+        if added == 0.0 and near:
+            moved = (
+                keep * (du[up, 0] - du[low, 0]) - _pull_apart(nodes, own, of_up, low, up, np.uintp(0)),
+                keep * (du[up, 1] - du[low, 1]) - _pull_apart(nodes, own, of_up, low, up, np.uintp(1)),
+                keep * (du[up, 2] - du[low, 2]) - _pull_apart(nodes, own, of_up, low, up, np.uintp(2)),
+            )
+            for i in range(film.pair_first[d], film.pair_first[d + np.uintp(1)]):
+                f, k = film.pair_struts[i] // four, film.pair_struts[i] % four
+                n = memory[f, NORMAL], memory[f, NORMAL + 1], memory[f, NORMAL + 2]
+                J = memory[f, np.uintp(STRETCH) + k] + _dot(n, moved) / (film.slant[f, k] * film.length[f, k])
+                if J < 1.0:
+                    added += INERTIA * memory[f, np.uintp(STIFF) + k]
+        before = film.pair_memory[d, 0]
+        if added == 0.0 and before == 0.0:
+            continue
+        film.pair_memory[d, 0] = added
+        for i in range(np.uintp(3)):
+            compliance = _compliance(nodes, low, i) + _compliance(nodes, up, i)
+            moved_i = du[up, i] - du[low, i]
+            shared = moved_i
+            if added > before:
+                shared *= (1.0 + before * compliance) / (1.0 + added * compliance)
+            # The increments' difference without and with the added inertia, and the force that makes up for it.
+            pull = _pull_apart(nodes, own, of_up, low, up, i)
+            eased = shared + ((keep - 1.0) * shared - pull) / (1.0 + added * compliance)
+            force = (keep * moved_i - pull - eased) / compliance if compliance > 0.0 else 0.0
+            at = np.uintp(1) + i
+            work += 0.5 * (film.pair_memory[d, at] + force) * moved_i
+            film.pair_memory[d, at] = force
+            own[low, i] -= force
+            of_up[up, i] += force
+    return work
+
+
+@njit(forceinline=True)
+def _pull_apart(nodes, of_low, of_up, low, up, axis):
+    """By how much the forces on the ends of a strut, less inertia and damping, shorten their difference in a step, m."""
+    return _compliance(nodes, up, axis) * of_up[up, axis] - _compliance(nodes, low, axis) * of_low[low, axis]
+
+
+@njit(forceinline=True)
+def _compliance(nodes, node, axis):
+    """As kernels.Nodes has it, but 0 where the displacement is prescribed."""
+    c = np.float64(nodes.compliance[node, axis])
+    return c if c != 1.0 else 0.0
+
+
+@njit(forceinline=True)
+def _strut(film, nodes, f, k):
+    """Twice the middle of strut k of element f, m, and the strut over its length at rest."""
+    u, rest, low, up = nodes.u, nodes.rest, film.lower[f, k], film.upper[f, k]
+    p = rest[low, 0] + u[low, 0], rest[low, 1] + u[low, 1], rest[low, 2] + u[low, 2]
+    q = rest[up, 0] + u[up, 0], rest[up, 1] + u[up, 1], rest[up, 2] + u[up, 2]
+    return _plus(p, q), _times(1.0 / film.length[f, k], _minus(q, p))
+
+
+@njit(forceinline=True)
+def _slip(memory, f, k, inverse, a, b, e):
+    """Shear of a strut from where it is at rest."""
+    at = OFFSET + 2 * k
+    return inverse * (_dot(a, e) - memory[f, at]), inverse * (_dot(b, e) - memory[f, at + 1])
+
+
+@njit(forceinline=True)
+def _lie(memory, f, k, a, b, e):
+    """Let a strut be at rest where it lies; return its shear, none."""
+    at = OFFSET + 2 * k
+    memory[f, at], memory[f, at + 1] = _dot(a, e), _dot(b, e)
+    return 0.0, 0.0
+
+
+@njit
+def _freeze(memory, f, n):
+    """Keep the forces at the break; where the film is squeezed contact goes on, and glue has no force to leave."""
+    for k in range(4):
+        at = LAST + 3 * k
+        pulled = n[0] * memory[f, at] + n[1] * memory[f, at + 1] + n[2] * memory[f, at + 2] > 0.0
+        for i in range(3 * k, 3 * k + 3):
+            memory[f, FROZEN + i] = memory[f, LAST + i] if pulled else 0.0
+
+
+@njit(forceinline=True)
+def _tractions(J, g_a, g_b, share, G, K, area):
+    """Forces of a strut along n, a and b, N: its share of the glue's, and contact for the rest; and its area times the
+    slope of the traction over J, N."""
+    across, along, aside = 0.0, 0.0, 0.0
+    y = _inverse_cbrt(min(max(J, FLATTEST), 1.0))
+    stiff = K + G * (2.0 / 9.0 * y**2 + 10.0 / 9.0 * y**8)
+    if J < 1.0 and share < 1.0:  # what the film would do without shear
+        s, r = traction(J, J * J, G, K)
+        across = (1.0 - share) * (s * J + r)
+    if share > 0.0:
+        s, r = traction(J, J * J + g_a * g_a + g_b * g_b, G, K)
+        across += share * (s * J + r)
+        along, aside = share * s * g_a, share * s * g_b
+    return area * across, area * along, area * aside, area * stiff
+
+
+@njit(forceinline=True)
+def _moments(arm, n, a, b, e, across, along, aside):
+    e_n, e_a, e_b = _dot(n, e), _dot(a, e), _dot(b, e)
+    return arm * (along * e_n - across * e_a), arm * (aside * e_n - across * e_b), arm * (along * e_b - aside * e_a)
+
+
+@njit(forceinline=True)
+def _pull(memory, f, k, n, a, b, across, along, aside, left):
+    """Force of a strut on its upper end, N, what is left of the frozen one included."""
+    at = FROZEN + 3 * k
+    return (
+        across * n[0] + along * a[0] + aside * b[0] + left * memory[f, at],
+        across * n[1] + along * a[1] + aside * b[1] + left * memory[f, at + 1],
+        across * n[2] + along * a[2] + aside * b[2] + left * memory[f, at + 2],
+    )
+
+
+@njit(forceinline=True)
+def _add_forces(film, memory, own, du, f, k, force, both, twice_mean):
+    """Add a strut's force and what acts on both its ends, N; return the work of the means since the last step, J."""
+    low, up = film.lower[f, k], film.upper[f, k]
+    work = 0.0
+    for i in range(np.uintp(3)):
+        at = LAST + 3 * k + i
+        work += (memory[f, at] + force[i]) * (du[up, i] - du[low, i]) + twice_mean[i] * (du[up, i] + du[low, i])
+        memory[f, at] = force[i]
+        own[up, i] += both[i] + force[i]
+        own[low, i] += both[i] - force[i]
+    return 0.5 * work
+
+
+@njit(forceinline=True)
 def _dot(p, q):
     return p[0] * q[0] + p[1] * q[1] + p[2] * q[2]
 
 
-@njit(inline="always")
-def _cross(p, q, out):
-    out[0], out[1], out[2] = p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]
+@njit(forceinline=True)
+def _cross(p, q):
+    return p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]
 
 
-@njit(inline="always")
-def _unit(p, out):
-    """Write p over its length, which is returned."""
-    size = np.sqrt(_dot(p, p))
-    out[0], out[1], out[2] = p[0] / size, p[1] / size, p[2] / size
-    return size
+@njit(forceinline=True)
+def _plus(p, q):
+    return p[0] + q[0], p[1] + q[1], p[2] + q[2]
+
+
+@njit(forceinline=True)
+def _minus(p, q):
+    return p[0] - q[0], p[1] - q[1], p[2] - q[2]
+
+
+@njit(forceinline=True)
+def _times(factor, p):
+    return factor * p[0], factor * p[1], factor * p[2]

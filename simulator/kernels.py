@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numba.extending import overload
 
-from simulator.film import pull_film
+from simulator.film import ease_film, pull_film
 from simulator.simd import (
     gather,
     inverse_cbrt,
@@ -698,21 +698,22 @@ def _pull_nodes(nodes, part, before, now):
 
 @njit
 def _move_nodes(loads, nodes, part, curves, step, keep, damping, dt):
-    """Turn the forces of prescribed degrees of freedom into what brings them to place; return the constraints' work."""
+    """Turn the forces of prescribed degrees of freedom into what brings them to place; return the constraints' work.
+
+    The forces are those of all parts together.
+    """
     u, du, own = nodes.u, nodes.du, nodes.forces[part]
-    parts = nodes.forces.shape[0]
+    first, last = np.uintp(loads.moved_starts[part]), np.uintp(loads.moved_starts[part + 1])
+    following, one, four = np.uintp(step + 1), np.uintp(1), np.uintp(4)
+    inertia, drag = 1.0 / (dt * dt), 0.5 * damping / dt
     work = 0.0
-    for i in range(loads.moved_starts[part], loads.moved_starts[part + 1]):
-        node, axis = loads.moved_dof[i] // 4, loads.moved_dof[i] % 4
+    for i in range(first, last):
+        node, axis = loads.moved_dof[i] // four, loads.moved_dof[i] % four
         target = 0.0
-        for term in range(loads.moved_terms[i], loads.moved_terms[i + 1]):
-            target += loads.moved_m[term] * curves[loads.moved_curve[term], step + 1]
-        force = 0.0
-        for other in range(parts):
-            force += nodes.forces[other, node, axis]
-            nodes.forces[other, node, axis] = 0.0
+        for term in range(loads.moved_terms[i], loads.moved_terms[i + one]):
+            target += loads.moved_m[term] * curves[loads.moved_curve[term], following]
         old, new = du[node, axis], target - u[node, axis]
-        force += nodes.mass[node] * ((new - old) / (dt * dt) + damping * (new + old) / (2.0 * dt))
+        force = own[node, axis] + nodes.mass[node] * (inertia * (new - old) + drag * (new + old))
         work += 0.5 * (loads.reaction[i] + force) * old
         loads.reaction[i] = force
         own[node, axis] = keep * old - new
@@ -720,6 +721,18 @@ def _move_nodes(loads, nodes, part, curves, step, keep, damping, dt):
 
 
 # ---- nodal update ---------------------------------------------------------------------------------------------------
+
+
+@njit
+def _join_forces(nodes, part):
+    """Add what the other parts have put on one part's nodes to its own forces."""
+    own = nodes.forces[part]
+    for other in range(part + 1, nodes.forces.shape[0]):
+        foreign = nodes.forces[other]
+        # From an even record on, as parts begin with one: two at a time never reach into the next part.
+        for i in range(nodes.touched[part, other, 0] // 2 * 8, 4 * nodes.touched[part, other, 1], lanes(own)):
+            store(own, i, load(own, i) + load(foreign, i))
+            store(foreign, i, zero(foreign))
 
 
 @njit
@@ -731,12 +744,6 @@ def _advance_nodes(nodes, part, keep, stats):
     u, du, seen, compliance, mass = nodes.u, nodes.du, nodes.seen, nodes.compliance, nodes.mass
     own = nodes.forces[part]
     first, last = 4 * nodes.starts[part], 4 * nodes.starts[part + 1]
-    for other in range(part + 1, nodes.forces.shape[0]):
-        foreign = nodes.forces[other]
-        # From an even record on, as parts begin with one: two at a time never reach into the next part.
-        for i in range(nodes.touched[part, other, 0] // 2 * 8, 4 * nodes.touched[part, other, 1], lanes(own)):
-            store(own, i, load(own, i) + load(foreign, i))
-            store(foreign, i, zero(foreign))
     nothing = zero_along(own, u)
     square, product = nothing, nothing
     for i in range(first, last, lanes(own)):
@@ -872,6 +879,17 @@ def advance(
             mine[WORK] += _push_nodes(loads, nodes, part, curves, at)
             if pulled:
                 mine[WORK] += _pull_nodes(nodes, part, gravity[at - 1], gravity[at])
+            _join_forces(nodes, part)
+        if film.divided:
+            meeting += 1
+            meet(arrived, threads, meeting)
+        for part in range(first, last):
+            stats[parity, part, GLUE] += ease_film(film, nodes, part, keep)
+        if film.divided:
+            meeting += 1
+            meet(arrived, threads, meeting)
+        for part in range(first, last):
+            mine = stats[parity, part]
             mine[WORK] += _move_nodes(loads, nodes, part, curves, at, keep, damping, dt)
             _advance_nodes(nodes, part, keep, mine)
         meeting += 1

@@ -169,9 +169,6 @@ class _Run:
         self.auto = model.dt_s == "auto"
         free = ~(fixed | moved)
         self.stable_dt = timestep.stable_step(model, self.mass, free) if self.auto else math.nan
-        self.tissue_dt = self.stable_dt
-        if self.auto and model.saliva is not None:
-            self.tissue_dt = max(self.stable_dt, timestep.stable_step(model, self.mass, free, saliva=False))
         self.limit = min(self.safety * self.stable_dt, model.duration_s) if self.auto else model.dt_s
         self.times = _output_times(model, times, self.limit)
         self.loads, self.curves, self.gravities = assembly.load_arrays(model, self.parts, self.mass)
@@ -218,6 +215,7 @@ class _Run:
             "reaction": self.loads.reaction,
             "face_force": self.loads.face_force,
             "film": self.film.memory,
+            "film_pairs": self.film.pair_memory,
         }
 
     def load_state(self, state: _State) -> None:
@@ -298,13 +296,8 @@ class _Run:
             self._change_step(dt)
 
     def _shortening(self) -> float:
-        """What part of the stable step at rest is left, as waves cross the most squeezed element faster.
-
-        With K + (s^2 - 1) K_tissue in place of K, s the largest stretch of area, the largest frequency is at most
-        omega^2 + (s^2 - 1) omega_tissue^2; saliva does not stiffen.
-        """
-        stretch = kernels.largest_area_stretch(*self.energy_arrays[:3], self._stored("u"))
-        return 1 / math.sqrt(1 + (stretch**2 - 1) * (self.stable_dt / self.tissue_dt) ** 2)
+        """What part of the stable step at rest is left, as waves cross the most squeezed element faster."""
+        return 1 / kernels.largest_area_stretch(*self.energy_arrays[:3], self._stored("u"))
 
     # -- steps --
 

@@ -12,18 +12,14 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import eigh_tridiagonal
 
-from simulator import assembly
 from simulator import elements as geometry
 from simulator.model import Model
 
-# Lips that meet bounce within a step or two at the stable step itself, and gain energy; with twice the stiffness
-# of the saliva in the estimate they do not (docs/solver.md).
-CONTACT_MARGIN = 2.0
 LANCZOS_STEPS = 24, 80  # at least, lest it settles on a smaller eigenvalue, and at most
 LANCZOS_TOLERANCE = 0.01  # of the eigenvalue; the step is half as sensitive
 
 
-def stable_step(model: Model, mass: np.ndarray, free: np.ndarray | None = None, saliva: bool = True) -> float:
+def stable_step(model: Model, mass: np.ndarray, free: np.ndarray | None = None) -> float:
     """Largest stable time step of the undeformed mesh, s, from the assembled mesh.
 
     The largest eigenvalue of M^-1/2 K M^-1/2 over the free degrees of freedom comes from Lanczos iteration, with K
@@ -34,14 +30,13 @@ def stable_step(model: Model, mass: np.ndarray, free: np.ndarray | None = None, 
     ----------
     mass : (N,) kg
     free : (N, 3) bool, False where a node is held or prescribed; None takes all
-    saliva : whether the saliva's stiffness counts
     """
     roots = np.repeat(1 / np.sqrt(mass), 3)
     if free is not None:
         roots = roots * free.ravel()
     if not roots.any():
         return math.inf
-    stiffness = _stiffness(model, saliva)
+    stiffness = _stiffness(model)
     now = np.random.default_rng(0).standard_normal(len(roots)) * (roots > 0)
     now /= np.linalg.norm(now)
     before, beta = np.zeros_like(now), 0.0
@@ -61,15 +56,13 @@ def stable_step(model: Model, mass: np.ndarray, free: np.ndarray | None = None, 
     return 2 / math.sqrt(largest + residual)
 
 
-def _stiffness(model: Model, saliva: bool = True):
+def _stiffness(model: Model):
     """Function v (3N,) -> K v of the undeformed mesh."""
     nodes, elements = model.nodes, model.elements
     n_elements, n = elements.shape
     shear, bulk, wave = _moduli(model)
     V = geometry.volumes(nodes, elements)
-    film = None
-    if model.saliva is not None:
-        film = _film_stiffness(model, shear, wave) if saliva else None
+    if model.saliva is not None:  # which limits no step: film.ease_film
         V[model.saliva.elements] = 0.0
     B = geometry.shape_gradients(nodes, elements)
     rows = np.arange(3 * n_elements + 1) * n
@@ -100,31 +93,9 @@ def _stiffness(model: Model, saliva: bool = True):
         f = gradient_T @ (V[:, None, None] * stress).reshape(-1, 3)
         if model.element_type == "H8":
             f += modes_T @ (k * (modes @ u))
-        if film is not None:
-            f.ravel()[:] += film @ v
         return f.ravel()
 
     return apply
-
-
-def _film_stiffness(model: Model, shear: np.ndarray, wave: np.ndarray) -> sparse.csr_array:
-    """(3N, 3N): the struts of the saliva, K + 4/3 G across the film and G along it times area over length."""
-    lower, upper, length, _, normal, area = assembly.film_struts(model)
-    count = len(lower)
-    G, E = shear[model.saliva.elements], wave[model.saliva.elements]
-    across = normal[:, :, None] * normal[:, None, :]
-    law = G[:, None, None] * (np.eye(3) - across) + E[:, None, None] * across
-    law *= CONTACT_MARGIN
-    blocks = (law[:, None] * (area[:, None] / length)[:, :, None, None]).reshape(4 * count, 3, 3)
-    ends = np.stack([lower.ravel(), upper.ravel()], axis=1)
-    place = 3 * ends[:, :, None] + np.arange(3)  # (4S, 2, 3)
-    sign = np.array([[1.0, -1.0], [-1.0, 1.0]])
-    shape = (4 * count, 2, 3, 2, 3)
-    values = sign[None, :, None, :, None] * blocks[:, None, :, None, :]
-    rows = np.broadcast_to(place[:, :, :, None, None], shape)
-    columns = np.broadcast_to(place[:, None, None, :, :], shape)
-    size = (3 * len(model.nodes),) * 2
-    return sparse.coo_array((values.ravel(), (rows.ravel(), columns.ravel())), shape=size).tocsr()
 
 
 def _averaging(model: Model) -> sparse.csr_array:
