@@ -25,6 +25,7 @@ from simulator.scene import (
 from simulator.settings import parse_toml, to_toml
 
 BUILT_IN = (
+    "demo",
     "double_opening",
     "drying",
     "fast_open",
