@@ -8,7 +8,7 @@ from pathlib import Path
 import pandas as pd
 
 RESULTS = Path(__file__).with_name("RESULTS.md")
-SECTIONS = ("accuracy", "speed", "solver")
+SECTIONS = ("accuracy", "speed", "solver", "findings")
 
 
 def markdown(table: pd.DataFrame, decimals: int = 2) -> str:

@@ -14,9 +14,10 @@ import numpy as np
 
 from simulator.motion import INTACT
 
-# What is less high is not an opening: a tenth of a pixel where the mouth is 250 px wide, a twentieth of the film, and
-# well above the 1 µm or so by which glued lips part before the saliva breaks.
-SEEN_M = 2e-5
+# Saliva that stays on the lips when the film between them parts, half of it on each (0.07 to 0.1 mm: thesis 3.6.1).
+# It hides the last of the gap, so that an opening grows steadily and not by whole elements.
+COAT_M = 1e-4
+SEEN_M = 1e-5  # what is nowhere higher is not an opening: a hundredth of a pixel where the mouth is 50 px wide
 _TOUCHING = 1e-6  # of the above: where it is less high the lips touch and part an opening in two, rounding or not
 _SAME = 1e-9  # relative, for a distance that equals the one at rest
 
@@ -56,10 +57,10 @@ def lip_edges(
 ) -> LipEdges:
     """Take the film out of the gap, and close the lips where the saliva is intact.
 
-    The film belongs to the lips, half of it to each: in every column the two ends of the outer and of the inner edge
-    are moved towards each other by half their distance at rest along the line that joins them. Where they are
-    nearer than at rest, or have passed one another, both are put in the middle. So are both edges of a column that an
-    intact element touches.
+    The film belongs to the lips, half of it to each, and a coat of saliva stays on them: in every column the two ends
+    of the outer and of the inner edge are moved towards each other, along the line that joins them, by half their
+    distance at rest and half of COAT_M. Where they meet, or have passed one another, both are put in
+    the middle. So are both edges of a column that an intact element touches.
 
     Parameters
     ----------
@@ -76,6 +77,7 @@ def lip_edges(
     tied = np.zeros(distance.shape[:2], bool)
     tied[:, :-1] |= intact
     tied[:, 1:] |= intact
+    rest_m = rest_m + COAT_M
     closed = (distance <= rest_m * (1 + _SAME)) | passed | tied[..., None]
     gap = np.where(closed, 0.0, distance - rest_m)
     middle = (upper + lower) / 2

@@ -269,13 +269,7 @@ def _write_videos(scene: Scene, mouth: Mouth, motion: Motion, folder: Path, stem
     from simulator.render import render
     from simulator.video import write_video
 
-    moved, rate = scene.jaw(mouth), scene.output.frame_rate
-
-    def jaw(time_s: float) -> tuple[float, tuple[float, float]]:
-        angle, joint = moved.transform(time_s)
-        return math.degrees(angle), (float(joint[1]), float(joint[2]))
-
-    times = scene.frame_times_s
+    rate, times, jaw = scene.output.frame_rate, scene.frame_times_s, _lower_teeth(scene, mouth)
     frames = render(motion, mouth, scene.camera, scene.look, times_s=times, frame_rate=rate, jaw=jaw)
     frames = tick(frames, total=len(times))
     if not people:
@@ -286,6 +280,17 @@ def _write_videos(scene: Scene, mouth: Mouth, motion: Motion, folder: Path, stem
         lambda frames: write_video(folder / f"{stem}.mkv", frames, rate),
         lambda frames: write_video(folder / f"{stem}.mp4", map(_even, frames), rate, "h264"),
     )
+
+
+def _lower_teeth(scene: Scene, mouth: Mouth) -> Callable:
+    """From a time, s, to how the renderer wants the jaw: its angle, degrees, and y and z of its joint, m."""
+    moved = scene.jaw(mouth)
+
+    def jaw(time_s: float) -> tuple[float, tuple[float, float]]:
+        angle, joint = moved.transform(time_s)
+        return math.degrees(angle), (float(joint[1]), float(joint[2]))
+
+    return jaw
 
 
 def _read_twice(frames: Iterator[np.ndarray], first: Callable, second: Callable) -> None:

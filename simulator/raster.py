@@ -11,17 +11,20 @@ import numpy as np
 from numba import njit
 
 
-@njit(cache=True, nogil=True)
-def vertex_normals(points: np.ndarray, triangles: np.ndarray, weight: np.ndarray, normals: np.ndarray) -> None:
-    """Unit normals (V, 3) of points (V, 3): mean over the triangles (T, 3) at each, by area and weight (T,)."""
+@njit(cache=True, nogil=True, error_model="numpy")
+def vertex_normals(points: np.ndarray, quads: np.ndarray, weight: np.ndarray, normals: np.ndarray) -> None:
+    """Unit normals (V, 3) of points (V, 3): mean over the quads (Q, 4) at each, by area and weight (Q,).
+
+    A quad's own normal is across its diagonals, so that none of them is favoured.
+    """
     normals[:] = 0.0
-    for t in range(len(triangles)):
-        i, j, k = triangles[t]
-        ax, ay, az = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1], points[j, 2] - points[i, 2]
-        bx, by, bz = points[k, 0] - points[i, 0], points[k, 1] - points[i, 1], points[k, 2] - points[i, 2]
+    for q in range(len(quads)):
+        i, j, k, n = quads[q]
+        ax, ay, az = points[k, 0] - points[i, 0], points[k, 1] - points[i, 1], points[k, 2] - points[i, 2]
+        bx, by, bz = points[n, 0] - points[j, 0], points[n, 1] - points[j, 1], points[n, 2] - points[j, 2]
         nx, ny, nz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-        w = weight[t]
-        for corner in (i, j, k):
+        w = weight[q]
+        for corner in (i, j, k, n):
             normals[corner, 0] += w * nx
             normals[corner, 1] += w * ny
             normals[corner, 2] += w * nz
@@ -35,7 +38,7 @@ def vertex_normals(points: np.ndarray, triangles: np.ndarray, weight: np.ndarray
             normals[v, 2] = 1.0
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def draw_triangles(
     places: np.ndarray, depth: np.ndarray, triangles: np.ndarray, nearest: np.ndarray, owner: np.ndarray, bary
 ) -> None:
@@ -84,7 +87,7 @@ def draw_triangles(
                     break
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _add_edge(start, end, weight, cover) -> None:
     """Add an edge's signed share to cover (H, W + 2), whose running sum along a row is then the covered area."""
     height, width = cover.shape[0], cover.shape[1] - 2
@@ -119,7 +122,7 @@ def _add_edge(start, end, weight, cover) -> None:
             cover[row, last + 1] += share - before
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def add_polygons(points: np.ndarray, start: np.ndarray, weight: float, cover: np.ndarray) -> None:
     """Add the exactly covered area of every pixel by some polygons to cover (H, W + 2), before the running sum.
 
@@ -132,7 +135,7 @@ def add_polygons(points: np.ndarray, start: np.ndarray, weight: float, cover: np
             _add_edge(points[i], points[j], weight, cover)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def sum_cover(cover: np.ndarray, rows: tuple[int, int], area: np.ndarray) -> None:
     """area (H, W) of the rows [from, to) from what the edges added to cover (H, W + 2), which is cleared there."""
     for row in range(rows[0], rows[1]):

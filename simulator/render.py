@@ -259,7 +259,7 @@ class Stage:
         self.triangles = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]).astype(np.uint32)
         weight = np.ones(len(quads))
         weight[len(skin) : len(skin) + 2 * len(under)] = 0.35  # so the lips' edges are rounded, not cut
-        self.weight = np.tile(weight, 2)
+        self.quads, self.weight = quads.astype(np.uint32), weight
         # triangles of skin alone: away from the red (the border is soft and wanders), the lips' edges and inner faces
         border = np.concatenate([mouth.border_m[self.nodes], np.full(len(self.rest) - len(self.nodes), -1.0)])
         border[np.concatenate([self.upper, self.lower, self.inner_edges])] = 1.0
@@ -385,7 +385,7 @@ class Stage:
         """Fill owner, bary and normals; return the vertices' places (V, 2), px."""
         seen = self.camera.seen(self._vertices(shown))
         places = self._project(seen)
-        raster.vertex_normals(seen, self.triangles, self.weight, canvas["normals"])
+        raster.vertex_normals(seen, self.quads, self.weight, canvas["normals"])
         raster.draw_triangles(places, seen[:, 2], self.triangles, canvas["nearest"], canvas["owner"], canvas["bary"])
         return places
 

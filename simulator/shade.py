@@ -16,7 +16,7 @@ RED, GREEN, BLUE, SLOPE_X, SLOPE_Y, LIP, SEAM, OIL = range(8)
 NX, NY, NZ, TEX_X, TEX_Y, CLOSED, SHADE, WET = range(8)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def shade_tissue(
     owner, bary, triangles, plain, attributes, velocity, texture, axes, light, finish, backdrop, moves, tissue, moved
 ):
@@ -40,22 +40,26 @@ def shade_tissue(
     hx, hy, hz = light[1]
     ax, ay, az = axes[0]
     bx, by, bz = axes[1]
-    lit_r, lit_g, lit_b = light[2]
-    sky_r, sky_g, sky_b = light[3]
-    wrap_r, wrap_g, wrap_b = light[4]
-    over_r, over_g, over_b = one / (one + wrap_r), one / (one + wrap_g), one / (one + wrap_b)
     seam_r, seam_g, seam_b = light[5]
     sheen, wetness, gloss, seam = finish
     sheen *= np.float32(0.16)
     silk, wet = wetness * (one - gloss) * np.float32(0.30), wetness * gloss * np.float32(0.9)
     wetness *= np.float32(0.16)
     soft, hard = np.float32(0.6), np.float32(0.4)
+    # numbers of a row, so that the light, which is the same sum for every pixel, is reckoned on many pixels at once
+    rows = np.empty((13, width), np.float32)
+    at, skin = np.empty(8, np.float32), np.empty(8, np.float32)
+    nx, ny, nz, norm = rows[0], rows[1], rows[2], rows[3]
+    red, green, blue, oil = rows[4], rows[5], rows[6], rows[7]
+    facing, shine, sky, rim, body = rows[8], rows[9], rows[10], rows[11], rows[12]
+    lips, lip, dark = np.empty(width, np.int64), np.empty(width, np.float32), np.empty(width, np.float32)
     for row in range(height):
+        count = 0
         for column in range(width):
+            body[column] = one
             if owner[row, column] < 0:
-                tissue[row, column, 0] = backdrop[row, 0]
-                tissue[row, column, 1] = backdrop[row, 1]
-                tissue[row, column, 2] = backdrop[row, 2]
+                nx[column], ny[column], nz[column] = zero, zero, one
+                red[column], green[column], blue[column], oil[column] = zero, zero, zero, zero
                 moved[row, column, 0] = zero
                 moved[row, column, 1] = zero
                 continue
@@ -63,85 +67,92 @@ def shade_tissue(
             i, j, k = triangles[t, 0], triangles[t, 1], triangles[t, 2]  # unsigned: no look at negative indices
             u, v = bary[row, column, 0], bary[row, column, 1]
             w = one - u - v
-            nx = w * attributes[i, NX] + u * attributes[j, NX] + v * attributes[k, NX]
-            ny = w * attributes[i, NY] + u * attributes[j, NY] + v * attributes[k, NY]
-            nz = w * attributes[i, NZ] + u * attributes[j, NZ] + v * attributes[k, NZ]
-            tx = w * attributes[i, TEX_X] + u * attributes[j, TEX_X] + v * attributes[k, TEX_X]
-            ty = w * attributes[i, TEX_Y] + u * attributes[j, TEX_Y] + v * attributes[k, TEX_Y]
+            # eight alike, read and written side by side: one instruction does them all
+            v0 = w * attributes[i, 0] + u * attributes[j, 0] + v * attributes[k, 0]
+            v1 = w * attributes[i, 1] + u * attributes[j, 1] + v * attributes[k, 1]
+            v2 = w * attributes[i, 2] + u * attributes[j, 2] + v * attributes[k, 2]
+            v3 = w * attributes[i, 3] + u * attributes[j, 3] + v * attributes[k, 3]
+            v4 = w * attributes[i, 4] + u * attributes[j, 4] + v * attributes[k, 4]
+            v5 = w * attributes[i, 5] + u * attributes[j, 5] + v * attributes[k, 5]
+            v6 = w * attributes[i, 6] + u * attributes[j, 6] + v * attributes[k, 6]
+            v7 = w * attributes[i, 7] + u * attributes[j, 7] + v * attributes[k, 7]
+            at[0], at[1], at[2], at[3], at[4], at[5], at[6], at[7] = v0, v1, v2, v3, v4, v5, v6, v7
             if moves:
                 moved[row, column, 0] = w * velocity[i, 0] + u * velocity[j, 0] + v * velocity[k, 0]
                 moved[row, column, 1] = w * velocity[i, 1] + u * velocity[j, 1] + v * velocity[k, 1]
-            tx, ty = min(max(tx, zero), wide), min(max(ty, zero), high)
+            tx, ty = min(max(at[TEX_X], zero), wide), min(max(at[TEX_Y], zero), high)
             c, r = np.uint32(tx), np.uint32(ty)
             fx, fy = tx - np.float32(c), ty - np.float32(r)
             w11 = fx * fy
             w01, w10 = fx - w11, fy - w11
             w00 = one - fx - w10
             r1, c1 = r + np.uint32(1), c + np.uint32(1)
-            red = w00 * texture[r, c, RED] + w01 * texture[r, c1, RED]
-            red += w10 * texture[r1, c, RED] + w11 * texture[r1, c1, RED]
-            green = w00 * texture[r, c, GREEN] + w01 * texture[r, c1, GREEN]
-            green += w10 * texture[r1, c, GREEN] + w11 * texture[r1, c1, GREEN]
-            blue = w00 * texture[r, c, BLUE] + w01 * texture[r, c1, BLUE]
-            blue += w10 * texture[r1, c, BLUE] + w11 * texture[r1, c1, BLUE]
-            sx = w00 * texture[r, c, SLOPE_X] + w01 * texture[r, c1, SLOPE_X]
-            sx += w10 * texture[r1, c, SLOPE_X] + w11 * texture[r1, c1, SLOPE_X]
-            sy = w00 * texture[r, c, SLOPE_Y] + w01 * texture[r, c1, SLOPE_Y]
-            sy += w10 * texture[r1, c, SLOPE_Y] + w11 * texture[r1, c1, SLOPE_Y]
-            oil = w00 * texture[r, c, OIL] + w01 * texture[r, c1, OIL]
-            oil += w10 * texture[r1, c, OIL] + w11 * texture[r1, c1, OIL]
-            nx -= sx * ax + sy * bx
-            ny -= sx * ay + sy * by
-            nz -= sx * az + sy * bz
-            norm = one / np.sqrt(nx * nx + ny * ny + nz * nz + np.float32(1e-12))
-            nx, ny, nz = nx * norm, ny * norm, nz * norm
-            facing = nx * lx + ny * ly + nz * lz
-            s2 = max(nx * hx + ny * hy + nz * hz, zero)
-            s2 *= s2
+            v0 = w00 * texture[r, c, 0] + w01 * texture[r, c1, 0] + w10 * texture[r1, c, 0] + w11 * texture[r1, c1, 0]
+            v1 = w00 * texture[r, c, 1] + w01 * texture[r, c1, 1] + w10 * texture[r1, c, 1] + w11 * texture[r1, c1, 1]
+            v2 = w00 * texture[r, c, 2] + w01 * texture[r, c1, 2] + w10 * texture[r1, c, 2] + w11 * texture[r1, c1, 2]
+            v3 = w00 * texture[r, c, 3] + w01 * texture[r, c1, 3] + w10 * texture[r1, c, 3] + w11 * texture[r1, c1, 3]
+            v4 = w00 * texture[r, c, 4] + w01 * texture[r, c1, 4] + w10 * texture[r1, c, 4] + w11 * texture[r1, c1, 4]
+            v5 = w00 * texture[r, c, 5] + w01 * texture[r, c1, 5] + w10 * texture[r1, c, 5] + w11 * texture[r1, c1, 5]
+            v6 = w00 * texture[r, c, 6] + w01 * texture[r, c1, 6] + w10 * texture[r1, c, 6] + w11 * texture[r1, c1, 6]
+            v7 = w00 * texture[r, c, 7] + w01 * texture[r, c1, 7] + w10 * texture[r1, c, 7] + w11 * texture[r1, c1, 7]
+            skin[0], skin[1], skin[2], skin[3], skin[4], skin[5], skin[6], skin[7] = v0, v1, v2, v3, v4, v5, v6, v7
+            red[column], green[column], blue[column], oil[column] = skin[RED], skin[GREEN], skin[BLUE], skin[OIL]
+            sx, sy = skin[SLOPE_X], skin[SLOPE_Y]
+            nx[column] = at[NX] - sx * ax - sy * bx
+            ny[column] = at[NY] - sx * ay - sy * by
+            nz[column] = at[NZ] - sx * az - sy * bz
+            if not plain[t]:
+                lips[count] = column
+                lip[count] = max(at[WET], skin[LIP])
+                dark[count] = seam * skin[SEAM] * at[CLOSED]
+                body[column] = at[SHADE]
+                count += 1
+        for c in range(width):
+            norm[c] = one / np.sqrt(nx[c] * nx[c] + ny[c] * ny[c] + nz[c] * nz[c] + np.float32(1e-12))
+        for c in range(width):
+            facing[c] = (nx[c] * lx + ny[c] * ly + nz[c] * lz) * norm[c]
+            sky[c] = np.float32(0.72) + np.float32(0.28) * ny[c] * norm[c]
+        for c in range(width):
+            # below 0.55 the powers are as good as 0, and soon denormal, which is slow
+            s = max((nx[c] * hx + ny[c] * hy + nz[c] * hz) * norm[c], np.float32(0.55))
+            s2 = s * s
             s4 = s2 * s2
             s8 = s4 * s4
-            s16 = s8 * s8
-            rim = one - min(max(nz, zero), one)
-            rim *= rim * rim * np.float32(0.10)
-            shine = sheen * (np.float32(0.25) * s8 + s16) * oil
-            sky = np.float32(0.72) + np.float32(0.28) * ny
-            body = one
-            if not plain[t]:
-                closed = w * attributes[i, CLOSED] + u * attributes[j, CLOSED] + v * attributes[k, CLOSED]
-                body = w * attributes[i, SHADE] + u * attributes[j, SHADE] + v * attributes[k, SHADE]
-                lip = w * attributes[i, WET] + u * attributes[j, WET] + v * attributes[k, WET]
-                lip = max(
-                    lip,
-                    w00 * texture[r, c, LIP]
-                    + w01 * texture[r, c1, LIP]
-                    + w10 * texture[r1, c, LIP]
-                    + w11 * texture[r1, c1, LIP],
-                )
-                dark = w00 * texture[r, c, SEAM] + w01 * texture[r, c1, SEAM]
-                dark += w10 * texture[r1, c, SEAM] + w11 * texture[r1, c1, SEAM]
-                s64 = s16 * s16
-                s64 *= s64
-                shine += lip * (silk * s16 + wet * s64 * s64 + wetness * s64 - shine)
-                dark *= seam * closed
-                light_up = one - dark
-                shine *= body * (one - np.float32(0.7) * dark)
-                rim *= light_up
-                sky *= body
-                red = red * light_up + dark * seam_r
-                green = green * light_up + dark * seam_g
-                blue = blue * light_up + dark * seam_b
-            lit = max((facing + wrap_r) * over_r, zero)
-            full = lit_r * lit * (soft + hard * lit) * body + sky_r * sky
-            tissue[row, column, 0] = red * full + lit_r * shine + sky_r * rim
-            lit = max((facing + wrap_g) * over_g, zero)
-            full = lit_g * lit * (soft + hard * lit) * body + sky_g * sky
-            tissue[row, column, 1] = green * full + lit_g * shine + sky_g * rim
-            lit = max((facing + wrap_b) * over_b, zero)
-            full = lit_b * lit * (soft + hard * lit) * body + sky_b * sky
-            tissue[row, column, 2] = blue * full + lit_b * shine + sky_b * rim
+            shine[c] = sheen * (np.float32(0.25) * s8 + s8 * s8) * oil[c]
+        for c in range(width):
+            away = one - min(max(nz[c] * norm[c], zero), one)
+            rim[c] = np.float32(0.10) * away * away * away
+        for n in range(count):
+            c = lips[n]
+            s = max((nx[c] * hx + ny[c] * hy + nz[c] * hz) * norm[c], np.float32(0.55))
+            s16 = s * s
+            s16 *= s16
+            s16 *= s16
+            s16 *= s16
+            s64 = s16 * s16
+            s64 *= s64
+            light_up = one - dark[n]
+            shine[c] += lip[n] * (silk * s16 + wet * s64 * s64 + wetness * s64 - shine[c])
+            shine[c] *= body[c] * (one - np.float32(0.7) * dark[n])
+            rim[c] *= light_up
+            sky[c] *= body[c]
+            red[c] = red[c] * light_up + dark[n] * seam_r
+            green[c] = green[c] * light_up + dark[n] * seam_g
+            blue[c] = blue[c] * light_up + dark[n] * seam_b
+        for a in range(3):
+            colour, sun, around, wrap = rows[4 + a], light[2, a], light[3, a], light[4, a]
+            over = one / (one + wrap)
+            for c in range(width):
+                lit = max((facing[c] + wrap) * over, zero)
+                lit = sun * lit * (soft + hard * lit) * body[c] + around * sky[c]
+                colour[c] = colour[c] * lit + sun * shine[c] + around * rim[c]
+        for c in range(width):
+            if owner[row, c] < 0:
+                red[c], green[c], blue[c] = backdrop[row, 0], backdrop[row, 1], backdrop[row, 2]
+            tissue[row, c, 0], tissue[row, c, 1], tissue[row, c, 2] = red[c], green[c], blue[c]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def fill_between(owner, hole, film, box, tissue, moved, far):
     """Give every pixel seen between the lips the colour and movement of a tissue pixel near by, in tissue and moved.
 
@@ -173,7 +184,7 @@ def fill_between(owner, hole, film, box, tissue, moved, far):
                     moved[row, column, 1] = moved[from_row, from_column, 1]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _hash(a: np.uint64) -> np.uint64:
     """A number from 0 to 2^64 - 1 that looks random (the finaliser of splitmix64, Steele et al. 2014)."""
     a = a + np.uint64(0x9E3779B97F4A7C15)
@@ -182,7 +193,7 @@ def _hash(a: np.uint64) -> np.uint64:
     return a ^ (a >> np.uint64(31))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def shade_inside(hole, box, camera, jaw, shown, rows, upper, lower, colours, light, tongue, shadow, px_m, seed, inside):
     """Colour what is seen between the lips.
 
@@ -319,7 +330,7 @@ def shade_inside(hole, box, camera, jaw, shown, rows, upper, lower, colours, lig
                 inside[row, column, a] = colour[a]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def smear(tissue, moved, samples, out):
     """The mean of tissue (H, W, 3) along each pixel's movement (H, W, 2), px, in out (H, W, 3)."""
     height, width = tissue.shape[:2]
@@ -354,7 +365,7 @@ def smear(tissue, moved, samples, out):
             out[row, column, 0], out[row, column, 1], out[row, column, 2] = red * each, green * each, blue * each
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def compose(linear, inside, hole, film, film_colour, box):
     """Mix what is seen between the lips and the saliva there into linear (H, W, 3) by their cover."""
     top, bottom, left, right = box
@@ -368,7 +379,7 @@ def compose(linear, inside, hole, film, film_colour, box):
                     linear[row, column, a] = rest * linear[row, column, a] + between
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def develop(linear, gains, noise, read_noise, vignette, seed, curve, picture):
     """8-bit picture (H, W, 3) of linear light (H, W, 3): exposure and cast, vignette, noise, sRGB curve.
 

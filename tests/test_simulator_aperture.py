@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from simulator.aperture import SEEN_M, lip_edges, runs, visible
+from simulator.aperture import COAT_M, SEEN_M, lip_edges, runs, visible
 from simulator.motion import BROKEN, INTACT, STICKING
 from simulator.polygons import SIZES, measure
 
@@ -50,8 +50,10 @@ def test_closed_lips_are_closed_exactly_and_open_ones_by_what_is_over_the_film()
     upper, lower, *rest = lips(gap)
     edges = lip_edges(upper, lower, *rest, np.full((1, 6), BROKEN))
     np.testing.assert_array_equal(edges.upper[:, [0, -1]], edges.lower[:, [0, -1]])
-    np.testing.assert_allclose(np.linalg.norm(edges.upper - edges.lower, axis=-1)[0, :, 0], gap, atol=1e-15)
-    np.testing.assert_allclose(edges.upper[0, 3, 0], upper[0, 3, 0] - [0, FILM / 2, 0], atol=1e-15)
+    np.testing.assert_allclose(
+        np.linalg.norm(edges.upper - edges.lower, axis=-1)[0, :, 0], np.maximum(gap - COAT_M, 0), atol=1e-15
+    )
+    np.testing.assert_allclose(edges.upper[0, 3, 0], upper[0, 3, 0] - [0, (FILM + COAT_M) / 2, 0], atol=1e-15)
 
 
 def test_lips_that_have_passed_one_another_are_closed():

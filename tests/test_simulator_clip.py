@@ -12,6 +12,7 @@ from simulator import render
 from simulator.clip import make_clip, unfinished
 from simulator.errors import InputError, Interrupted
 from simulator.export import load_motion
+from simulator.inside import jaw_matrix
 from simulator.motion import ENERGIES, Stop
 from simulator.scene import Action, Camera, Face, Output, Scene, load_scene
 
@@ -128,6 +129,15 @@ def test_pictures_and_page(moved, tmp_path):
 def test_no_video_for_people_where_it_is_not_wanted(moved, tmp_path):
     make_clip(SCENE, tmp_path, people=False)
     assert "yawn.mkv" in names(tmp_path) and "yawn.mp4" not in names(tmp_path)
+
+
+def test_the_lower_teeth_follow_the_jaw():
+    mouth = SCENE.face.mouth()
+    jaw, points = SCENE.jaw(mouth), mouth.nodes[::50]
+    for time in (0.0, 0.3, 1.0):
+        matrix = jaw_matrix(clips._lower_teeth(SCENE, mouth)(time))
+        np.testing.assert_allclose(points @ matrix[:3, :3].T + matrix[:3, 3], jaw.turned(points, time), atol=1e-12)
+    assert jaw.turned(points, 1.0)[:, 1].mean() < points[:, 1].mean() - 0.01
 
 
 def test_two_readers_of_one_stream():

@@ -35,25 +35,17 @@ def test_depth_buffer_against_a_loop_over_pixels():
     assert drawn > 200
 
 
-def test_normals_of_a_sphere_point_outwards():
-    rng = np.random.default_rng(1)
-    from scipy.spatial import ConvexHull
-
-    points = rng.standard_normal((400, 3))
-    points /= np.linalg.norm(points, axis=1, keepdims=True)
-    triangles = ConvexHull(points).simplices
-    inwards = (
-        np.einsum(
-            "ti,ti->t",
-            np.cross(*(points[triangles[:, k]] - points[triangles[:, 0]] for k in (1, 2))),
-            points[triangles[:, 0]],
-        )
-        < 0
-    )
-    triangles[inwards] = triangles[inwards][:, ::-1]
+def test_normals_of_a_bowl_are_those_of_its_formula():
+    v, u = np.meshgrid(np.linspace(-1, 1, 41), np.linspace(-1.2, 1, 51), indexing="ij")
+    points = np.stack([u, v, 0.4 * u**2 - 0.3 * v**2 + 0.2 * u * v], axis=-1).reshape(-1, 3)
+    corner = (np.arange(40)[:, None] * 51 + np.arange(50)).ravel()
+    quads = np.stack([corner, corner + 1, corner + 52, corner + 51], axis=1).astype(np.uint32)
     normals = np.empty_like(points)
-    raster.vertex_normals(points, triangles.astype(np.uint32), np.ones(len(triangles)), normals)
-    assert (normals * points).sum(axis=1).min() > 0.95
+    raster.vertex_normals(points, quads, np.ones(len(quads)), normals)
+    expected = np.stack([-0.8 * u - 0.2 * v, 0.6 * v - 0.2 * u, np.ones_like(u)], axis=-1)
+    expected /= np.linalg.norm(expected, axis=-1, keepdims=True)
+    error = np.abs(normals.reshape(41, 51, 3) - expected)
+    assert error[1:-1, 1:-1].max() < 1e-3 and error.max() < 0.05
 
 
 def cover_of(polygons, size, weight=-1.0):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from moved_mouth import moved_mouth
 
+from simulator.aperture import COAT_M
 from simulator.camera import Camera
 from simulator.errors import InputError
 from simulator.inside import jaw_matrix, turned_jaw
@@ -28,7 +29,7 @@ def scene():
 def polygon_of(mouth, positions, camera, columns):
     """Heights of the opening's upper and lower border at picture columns, px, from the projected edges."""
     ends = positions[[mouth.upper, mouth.lower]]  # (2, columns, outer and inner, 3)
-    film = np.linalg.norm(mouth.nodes[mouth.upper] - mouth.nodes[mouth.lower], axis=-1)[..., None]
+    film = np.linalg.norm(mouth.nodes[mouth.upper] - mouth.nodes[mouth.lower], axis=-1)[..., None] + COAT_M
     apart = ends[0] - ends[1]
     nearer = apart * np.maximum(1 - film / np.linalg.norm(apart, axis=-1, keepdims=True), 0)
     middle = ends.mean(axis=0)
@@ -78,7 +79,7 @@ def test_drawn_opening_agrees_with_the_polygon(scene, frame):
     light = to_linear(picture[..., 0])
     dark = light < 0.5 * np.median(light)
     dark[:200] = False  # nostrils
-    assert (inside & dark).sum() / (inside | dark).sum() > 0.98
+    assert (inside & dark).sum() / (inside | dark).sum() > 0.975  # the thinnest is 4 px high
 
 
 def test_height_of_the_opening_to_a_hundredth_of_a_pixel(scene):

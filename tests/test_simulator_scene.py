@@ -8,7 +8,8 @@ import pytest
 from simulator.errors import InputError
 from simulator.model import Displacement, Force
 from simulator.moisture import critical, strength_of_level
-from simulator.mouth import CORNERS, SALIVA, MouthShape
+from simulator.mouth import COMMISSURE, SALIVA, MouthShape
+from simulator.saliva import pooled
 from simulator.scene import (
     Action,
     Camera,
@@ -98,7 +99,7 @@ def test_the_sides_of_the_one_sided_scenes():
         scene = load_scene(name)
         mouth, model = dataclasses.replace(scene, face=Face(resolution="low")).model()
         x, strength = middles(mouth), model.saliva.strength
-        assert strength[x * side > 0.01].max() < strength[x * side < -0.01].min()
+        assert (strength[x * side > 0.01] < 0.5 * strength[::-1][x * side > 0.01]).all()  # its mirror image's
         other = dataclasses.replace(load_scene(name), face=Face(resolution="low"))
         assert np.array_equal(other.model()[1].saliva.strength, strength)
     left, right = load_scene("one_sided_left"), load_scene("one_sided_right")
@@ -109,14 +110,14 @@ def test_the_sides_of_the_one_sided_scenes():
 
 
 def test_the_smallest_scene():
-    scene = Scene(face=Face(resolution="low"))
+    scene = Scene(face=Face(resolution="low"), saliva=Glue(pooling=1.0))
     mouth, model = scene.model()
     assert np.array_equal(model.saliva.elements, mouth.saliva)
     np.testing.assert_allclose(model.saliva.strength, strength_of_level(7))
     assert np.array_equal(model.material_of == 1, mouth.group == SALIVA)
-    assert np.array_equal(model.material_of == 2, mouth.group == CORNERS) and (model.material_of == 2).any()
-    assert [material.shear_pa for material in model.materials] == [800, 7700, 8000]
-    assert [material.bulk_pa for material in model.materials] == [7000, 191000, 70000]
+    assert np.array_equal(model.material_of == 2, mouth.group == COMMISSURE) and (model.material_of == 2).any()
+    assert [material.shear_pa for material in model.materials] == [800, 7700, scene.tissue.corner_shear_pa]
+    assert [material.bulk_pa for material in model.materials] == [7000, 191000, scene.tissue.corner_bulk_pa]
     up = model.saliva.up
     np.testing.assert_allclose(np.linalg.norm(up, axis=1), 1)
     assert up[:, 1].min() > 0.9
@@ -136,6 +137,7 @@ def test_times():
     np.testing.assert_allclose(scene.frame_times_s, np.arange(16) / 30)
     np.testing.assert_allclose(scene.state_times_s, np.arange(31) / 60)
     assert np.array_equal(scene.state_times_s[::2], scene.frame_times_s)
+    assert len(Scene(duration_s=0.29, output=Output(frame_rate=100)).frame_times_s) == 30  # 0.29 * 100 is below 29
     assert len(Scene(duration_s=0.01).frame_times_s) == 1
     assert len(Scene(duration_s=1.0, output=Output(frame_rate=29.97)).frame_times_s) == 30
 
@@ -150,7 +152,7 @@ def test_lengths_of_a_face_are_those_of_its_preset_but_for_the_given_ones(load):
 
 
 def test_patches_lie_where_they_should_whatever_the_mesh(load):
-    text = "[saliva]\nstickiness = 2\n[[saliva.patch]]\nfrom_m = 0.003\nto_m = 0.009\nstickiness = 10\n"
+    text = "[saliva]\npooling = 1\nstickiness = 2\n[[saliva.patch]]\nfrom_m = 0.003\nto_m = 0.009\nstickiness = 10\n"
     for resolution, tolerance in (("low", 1e-12), ("medium", 1e-12)):
         mouth, model = load(text + f'[face]\nresolution = "{resolution}"\n').model()
         x, level = middles(mouth), 10 * model.saliva.strength / strength_of_level(10)
@@ -162,9 +164,17 @@ def test_patches_lie_where_they_should_whatever_the_mesh(load):
         assert (level - 2) @ width == pytest.approx(8 * 0.006, abs=8 * width.max() / 8)
 
 
+def test_saliva_pools_in_the_corners(load):
+    mouth, model = load("[saliva]\nstickiness = 5\npooling = 9").model()
+    x, factor = middles(mouth), model.saliva.strength / strength_of_level(5)
+    np.testing.assert_allclose(factor, pooled(2 * x / mouth.width_m, 9.0), atol=0.1)
+    assert factor[[14, 15]].max() < 1.01 and factor[[0, -1]].min() > 7
+    np.testing.assert_allclose(factor, factor[::-1])
+
+
 def test_an_edge_fades_out_smoothly(load):
     mouth, model = load(
-        "[saliva]\nstickiness = 0\n[[saliva.patch]]\nfrom_m = 0.0\nstickiness = 10\nedge_m = 0.01"
+        "[saliva]\npooling = 1\nstickiness = 0\n[[saliva.patch]]\nfrom_m = 0.0\nstickiness = 10\nedge_m = 0.01"
     ).model()
     x, level = middles(mouth), 10 * model.saliva.strength / strength_of_level(10)
     s = np.clip(1 + x / 0.01, 0, 1)
@@ -172,7 +182,7 @@ def test_an_edge_fades_out_smoothly(load):
 
 
 def test_a_later_patch_lies_over_an_earlier_one(load):
-    text = "[[saliva.patch]]\nstickiness = 3\n[[saliva.patch]]\nfrom_m = 0.0\nstickiness = 9\n"
+    text = "[saliva]\npooling = 1\n[[saliva.patch]]\nstickiness = 3\n[[saliva.patch]]\nfrom_m = 0.0\nstickiness = 9\n"
     mouth, model = load(text).model()
     level = 10 * model.saliva.strength / strength_of_level(10)
     np.testing.assert_allclose(level[middles(mouth) > 0.001], 9)
@@ -185,6 +195,7 @@ def test_moisture_patches_and_licks(load):
         duration_s = 3
         [saliva]
         stickiness = 10
+        pooling = 1
         [moisture]
         initial = 0.8
         drying_per_s = 0.1
@@ -295,6 +306,7 @@ def test_a_built_in_name_wins_and_files_are_found_by_path(load, tmp_path):
         ("[skin]\ntone = 'green'", r"\[skin\]: expected a tone of"),
         ("[saliva]\nstickiness = -1", r"\[saliva\]: expected a stickiness from 0 to 10"),
         ("[saliva]\nstickiness = 1e6", "or for special effects to 1000, got 1e.06"),
+        ("[saliva]\npooling = 0", r"\[saliva\]: expected a pooling above 0 and up to 1000, got 0"),
         ("[saliva]\nstickiness = nan", "expected stickiness as a finite number, got nan"),
         ("[moisture]\ninitial = -0.1", r"\[moisture\]: expected initial of 0 or more, got -0.1"),
         ("[moisture]\ndrying_per_s = -2", "expected drying_per_s of 0 or more, got -2"),

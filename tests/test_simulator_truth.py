@@ -14,6 +14,7 @@ from lipmetrics.openings import Identities, measure_outline
 from lipmetrics.outline import fill_outlines
 from lipmetrics.profile import RATE_FORMULA, frame_row, opening_row, rate_of_change, tables
 from simulator import tables as own_tables
+from simulator.aperture import COAT_M
 from simulator.camera import Camera
 from simulator.errors import InputError
 from simulator.motion import INTACT, STICKING, SalivaRecord
@@ -78,7 +79,8 @@ def test_area_and_width_in_metres_are_those_of_the_formula():
         rest = np.linalg.norm(mouth.nodes[mouth.upper[:, 0]] - mouth.nodes[mouth.lower[:, 0]], axis=1)
         apart = upper - lower
         distance = np.linalg.norm(apart, axis=1)
-        gap = apart[:, 1] * (1 - rest / distance)
+        gap = np.minimum(apart[:, 1] * (1 - (rest + COAT_M) / distance), apart[:, 1])
+        gap[distance < rest + COAT_M] = 0
         open_elements = np.flatnonzero(state != INTACT)
         tied = np.ones(len(x), bool)
         if len(open_elements):
@@ -89,7 +91,7 @@ def test_area_and_width_in_metres_are_those_of_the_formula():
         row = found.frames_m.iloc[k]
         assert row["area_m2"] == pytest.approx(np.trapezoid(gap, x), rel=1e-9, abs=1e-15)
         assert row["height_m"] == pytest.approx(gap.max(), rel=1e-9, abs=1e-12)
-        inner = np.flatnonzero(~tied)
+        inner = np.flatnonzero(gap > 0)
         width = x[min(inner[-1] + 1, len(x) - 1)] - x[max(inner[0] - 1, 0)] if len(inner) else 0.0
         assert row["width_m"] == pytest.approx(width, abs=1e-12)
     assert found.meta["mouth_width_m"] == pytest.approx(mouth.width_m, rel=1e-6)
