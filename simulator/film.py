@@ -267,7 +267,7 @@ def ease_film(film, nodes, part, keep):
 
 @njit(forceinline=True)
 def _pull_apart(nodes, of_low, of_up, low, up, axis):
-    """By how much the forces on the ends of a strut, less inertia and damping, shorten their difference in a step, m."""
+    """By how much the forces on the ends of a strut shorten their difference in a step, m."""
     return _compliance(nodes, up, axis) * of_up[up, axis] - _compliance(nodes, low, axis) * of_low[low, axis]
 
 

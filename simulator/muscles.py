@@ -35,6 +35,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from scipy.interpolate import LinearNDInterpolator
@@ -83,6 +84,7 @@ class Landmarks:
     line: np.ndarray
 
 
+@lru_cache(maxsize=2)
 def landmarks(mouth: Mouth) -> Landmarks:
     """The landmarks of a mouth, parametric or read from a file."""
     X = mouth.nodes

@@ -190,12 +190,14 @@ def _half_load(load, number: np.ndarray, partner: np.ndarray, axis: int, on_plan
     if isinstance(load, Force | Displacement):
         values = load.magnitudes_n if isinstance(load, Force) else load.magnitudes_m
         sign = -1.0 if load.axis == axis else 1.0
-    of_node = dict(zip(load.nodes.tolist(), values.tolist(), strict=True))
-    for node, value in of_node.items():
-        if not np.isclose(of_node.get(int(partner[node]), np.nan), sign * value, rtol=1e-9, atol=0):
-            raise InputError(
-                f"expected a mirror-symmetric {name}, got node {node} without its equal; solve the whole model"
-            )
+    of_node = np.full(len(number), np.nan)
+    of_node[load.nodes] = values
+    alike = np.isclose(of_node[partner[load.nodes]], sign * of_node[load.nodes], rtol=1e-9, atol=0)
+    if not alike.all():
+        raise InputError(
+            f"expected a mirror-symmetric {name}, got node {load.nodes[np.argmin(alike)]} without its equal; "
+            "solve the whole model"
+        )
     kept = number[load.nodes] >= 0
     if not kept.any():
         return None

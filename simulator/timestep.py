@@ -38,14 +38,14 @@ def stable_step(model: Model, mass: np.ndarray, free: np.ndarray | None = None) 
         return math.inf
     stiffness = _stiffness(model)
     now = np.random.default_rng(0).standard_normal(len(roots)) * (roots > 0)
-    now /= np.linalg.norm(now)
+    now /= math.sqrt(_product(now, now))
     before, beta = np.zeros_like(now), 0.0
     diagonal, beside = [], []
     for step in range(min(LANCZOS_STEPS[1], np.count_nonzero(roots))):
         image = roots * stiffness(roots * now) - beta * before
-        diagonal.append(now @ image)
+        diagonal.append(_product(now, image))
         image -= diagonal[-1] * now
-        beta = np.linalg.norm(image)
+        beta = math.sqrt(_product(image, image))
         values, vectors = eigh_tridiagonal(np.array(diagonal), np.array(beside))
         largest = values[-1]
         residual = beta * abs(vectors[-1, -1])
@@ -54,6 +54,11 @@ def stable_step(model: Model, mass: np.ndarray, free: np.ndarray | None = None) 
         before, now = now, image / beta
         beside.append(beta)
     return 2 / math.sqrt(largest + residual)
+
+
+def _product(one: np.ndarray, other: np.ndarray) -> float:
+    """Scalar product, summed by one thread: those of a matrix library wait for one another where a core is busy."""
+    return float(np.sum(one * other))
 
 
 def _stiffness(model: Model):

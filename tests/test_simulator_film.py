@@ -43,6 +43,7 @@ def lips():
         return nodes.forces[0, :count, :3].copy()
 
     forces.rest = nodes.rest[:count, :3]
+    forces.nodes = nodes
     forces.held = np.union1d(arrays.lower, arrays.upper)
     return arrays, forces
 
@@ -211,6 +212,55 @@ def test_pressed_lips_do_not_pass_through_each_other():
     assert motion.stopped is None
     assert gap.max() > 2 * FILM_M
     assert gap.min() > 0.8 * FILM_M
+
+
+@pytest.mark.parametrize("dt", [2e-4, 1.2e-5])
+def test_lips_that_meet_gain_no_energy_at_steps_far_above_what_the_film_alone_would_bear(dt):
+    slam = KeyFrames((0.0, 0.02, 0.03, 0.1), (0.0, 1.0, -0.6, -0.6), ("linear",) * 3)
+    model = dataclasses.replace(glued_blocks(slam, strength=0.0), dt_s=dt)
+    area, mass = 0.001 * 0.003 / 4, 1000 * 0.001 * 0.003 * 0.002 / 8  # of the share of one element in one node
+    wave = GLUE.bulk_pa + 4 / 3 * GLUE.shear_pa
+    film_alone = 2 / np.sqrt(wave * area / FILM_M * 2 / mass)
+    assert (dt > 2 * film_alone) == (dt == 2e-4)
+    motion = solve(model, np.linspace(0, 0.1, 201), threads=1)
+    assert motion.stopped is None
+    work = np.abs(motion.energies["external_j"]).max()
+    taken = motion.energies["saliva_j"]
+    assert taken.min() > -1e-3 * work
+    assert np.abs(motion.energies["residual_j"]).max() < 1e-2 * work
+    upper = model.elements[model.saliva.elements][:, [2, 3, 6, 7]]
+    lower = model.elements[model.saliva.elements][:, [1, 0, 5, 4]]
+    assert (motion.positions[:, upper] - motion.positions[:, lower])[..., 1].min() > 0.8 * FILM_M
+
+
+def test_added_inertia_neither_moves_the_whole_nor_acts_between_open_lips(lips):
+    arrays, forces = lips
+    rng = np.random.default_rng(1)
+    above = forces.rest[:, 1] > HEIGHT_M + FILM_M / 2
+    for state, gap, acts in ((INTACT, 0.0, True), (BROKEN, 3 * FILM_M, False), (BROKEN, -1e-6, True)):
+        u = np.zeros_like(forces.rest)
+        u[above, 1] = gap
+        arrays.strength[:] = 0
+        if state == INTACT:
+            arrays.strength[:] = 1e9
+        arrays.pair_memory[:] = 0
+        forces(u, state, moved=rng.normal(0, 1e-7, u.shape))
+        before = forces.nodes.forces[0].copy()
+        film.ease_film(arrays, forces.nodes, 0, 0.999)
+        change = (forces.nodes.forces[0] - before)[:, :3]
+        assert change.any() == acts
+        assert np.abs(change.sum(axis=0)).max() <= 1e-12 * np.abs(change).max()
+
+
+def test_two_threads_that_share_a_film_give_the_same_bytes():
+    model = glued_blocks(OPENING, columns=100, duration_s=0.02, strength=5e-4)
+    parts = partition(model.elements, assembly.laws(model), len(model.nodes))
+    arrays, _ = assembly.film_arrays(model, parts)
+    assert arrays.divided
+    one, two = (solve(model, np.linspace(0, 0.02, 11), threads=count) for count in (1, 2))
+    assert (one.saliva.state[-1] == BROKEN).any()
+    assert one.positions.tobytes() == two.positions.tobytes()
+    assert all(one.energies[name].tobytes() == two.energies[name].tobytes() for name in one.energies)
 
 
 def test_opened_and_closed_again_it_sticks_again():
