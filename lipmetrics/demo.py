@@ -1,8 +1,8 @@
 """`lipmetrics demo`: a sticky mouth is simulated, its video measured like any other, and the difference reported.
 
 What simulates is handed over by the command line, as this package knows nothing of the simulator. While it is at work
-another process measures a drawn mouth, which compiles the detector: a first run spends most of its time on compiling, and
-one process compiles on one core only.
+another process measures a drawn mouth, which compiles the detector: a first run spends most of its time on compiling,
+and one process compiles on one core only.
 """
 
 from __future__ import annotations
