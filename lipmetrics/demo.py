@@ -1,7 +1,7 @@
 """`lipmetrics demo`: a sticky mouth is simulated, its video measured like any other, and the difference reported.
 
 What simulates is handed over by the command line, as this package knows nothing of the simulator. While it is at work
-another process measures a drawn mouth, which compiles the detector: from nothing, half of the time goes into compiling,
+another process measures a drawn mouth, which compiles the detector: a first run spends most of its time on compiling,
 and one process compiles on one core only.
 """
 
@@ -33,6 +33,7 @@ def demo(
     *,
     method: str = "default",
     progress: bool = False,
+    rehearsal: str = "lipmetrics.demo:rehearse",
     side_by_side: bool | None = None,
 ) -> dict:
     """Simulate a clip, measure its video, compare with its truth; everything is written into `folder`.
@@ -41,7 +42,8 @@ def demo(
     ----------
     simulate : writes a clip and its truth into a folder
     method : as in `lipmetrics.measure`
-    side_by_side : compile the detector in another process during the simulation; None does so with two cores or more
+    rehearsal : "module:function" that compiles what comes after the simulation; it is called with the method
+    side_by_side : rehearse in another process during the simulation; None does so with two cores or more
 
     Returns
     -------
@@ -50,7 +52,7 @@ def demo(
     Raises InputError if `folder` cannot be written to or the clip cannot be simulated
     """
     started = time.perf_counter()
-    with rehearsing(method, _cores() > 1 if side_by_side is None else side_by_side) as rehearsed:
+    with rehearsing(rehearsal, method, _cores() > 1 if side_by_side is None else side_by_side) as rehearsed:
         simulated = simulate(folder)
         simulated_at = time.perf_counter()
         import matplotlib.figure  # noqa: F401  takes a second or two: meanwhile the other process goes on
@@ -95,7 +97,7 @@ def demo(
 
 
 @contextmanager
-def rehearsing(method: str, wanted: bool = True) -> Iterator[Callable[[], None]]:
+def rehearsing(function: str, method: str, wanted: bool = True) -> Iterator[Callable[[], None]]:
     """Another process fills the cache of compiled code; what is given waits for it.
 
     It ends with the block, whatever happens. If it fails nothing is lost but time.
@@ -103,13 +105,9 @@ def rehearsing(method: str, wanted: bool = True) -> Iterator[Callable[[], None]]
     if not wanted:
         yield lambda: None
         return
-    command = [
-        sys.executable,
-        "-P",
-        "-c",
-        "import sys; from lipmetrics.demo import rehearse; rehearse(sys.argv[1])",
-        method,
-    ]
+    module, _, name = function.partition(":")
+    code = f"import sys, {module}; {module}.{name}(sys.argv[1])"
+    command = [sys.executable, "-P", "-c", code, method]
     quiet = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.DEVNULL)
     other = subprocess.Popen(command, **quiet)
 

@@ -171,10 +171,10 @@ def test_the_other_process_ends_with_the_block(monkeypatch):
         return started[-1]
 
     monkeypatch.setattr(subprocess, "Popen", start)
-    with pytest.raises(KeyboardInterrupt), rehearsing("default"):
+    with pytest.raises(KeyboardInterrupt), rehearsing("lipmetrics.demo:rehearse", "default"):
         raise KeyboardInterrupt
     assert len(started) == 1 and started[0].returncode is not None
-    with rehearsing("default", wanted=False) as rehearsed:
+    with rehearsing("lipmetrics.demo:rehearse", "default", wanted=False) as rehearsed:
         rehearsed()
     assert len(started) == 1
 
@@ -182,7 +182,7 @@ def test_the_other_process_ends_with_the_block(monkeypatch):
 def test_a_rehearsal_that_fails_is_no_loss(monkeypatch):
     popen = subprocess.Popen
     monkeypatch.setattr(subprocess, "Popen", lambda command, **how: popen([sys.executable, "-c", "1 / 0"], **how))
-    with rehearsing("default") as rehearsed:
+    with rehearsing("lipmetrics.demo:rehearse", "default") as rehearsed:
         rehearsed()
 
 
@@ -195,6 +195,14 @@ def test_the_rehearsed_clip_is_a_face_that_opens(tmp_path):
     assert pictures[-1][100:125, 110:150].sum() < 0.6 * pictures[0][100:125, 110:150].sum()
 
 
+def test_the_other_process_calls_the_function_with_the_method(tmp_path, monkeypatch):
+    (tmp_path / "rehearsed.py").write_text("from pathlib import Path\ndef run(method): Path(__file__ + method).touch()")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    with rehearsing("rehearsed:run", "thesis") as rehearsed:
+        rehearsed()
+    assert (tmp_path / "rehearsed.pythesis").exists()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["default", "thesis"])
 def test_a_rehearsal_compiles_all_that_a_simulated_clip_needs(method, tmp_path):
@@ -204,10 +212,14 @@ def test_a_rehearsal_compiles_all_that_a_simulated_clip_needs(method, tmp_path):
         import sys
         from numba.core.dispatcher import Dispatcher
         from lipmetrics import measure
-        from lipmetrics.demo import rehearse
+        from lipmetrics.cli import rehearse_demo
+        from simulator.truth import truth
+        from simulator.scene import load_scene
+        from simulator.simulate import simulate
 
         def compiled():
-            modules = [module for name, module in sys.modules.items() if name.startswith("lipmetrics")]
+            names = ("lipmetrics", "simulator.aperture", "simulator.polygons", "simulator.truth")
+            modules = [module for name, module in sys.modules.items() if name.startswith(names)]
             return {{
                 (module.__name__, name, str(signature))
                 for module in modules
@@ -216,8 +228,11 @@ def test_a_rehearsal_compiles_all_that_a_simulated_clip_needs(method, tmp_path):
                 for signature in kernel.signatures
             }}
 
-        rehearse("{method}")
+        rehearse_demo("{method}")
         before = compiled()
+        scene = load_scene("{tmp_path / "demo.scene.toml"}")
+        mouth, model = scene.model()
+        truth(simulate(scene, parts=(mouth, model)), mouth, scene.camera, scene.frame_times_s)
         measure("{tmp_path / "demo.mp4"}", method="{method}", keep_outlines=True)
         print(len(before) > 0, compiled() - before)
     """
