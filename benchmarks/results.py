@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import os
+import platform
 from pathlib import Path
 
 import pandas as pd
 
 RESULTS = Path(__file__).with_name("RESULTS.md")
-SECTIONS = ("accuracy", "speed", "solver", "findings")
+SECTIONS = ("accuracy", "speed", "solver", "mouth", "findings")
 
 
 def markdown(table: pd.DataFrame, decimals: int = 2) -> str:
@@ -43,3 +44,13 @@ def write_section(section: str, text: str, file: Path = RESULTS) -> None:
 
 def _mark(name: str) -> str:
     return f"<!-- {name} -->"
+
+
+def machine() -> str:
+    """Processor, cores and load."""
+    model = platform.processor() or platform.machine()
+    if Path("/proc/cpuinfo").exists():
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        model = next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), model)
+    load = os.getloadavg()[0] if hasattr(os, "getloadavg") else float("nan")
+    return f"{model}, {os.cpu_count()} cores, load {load:.1f} at the start (1 = one core busy)."

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import platform
 import subprocess
 import sys
 import tempfile
@@ -26,7 +25,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import statics
-from results import markdown, write_section
+from results import machine, markdown, write_section
 
 from simulator import assembly, kernels, symmetry, timestep
 from simulator.curves import LoadShape
@@ -457,22 +456,13 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=30, help="of the short timings")
     parser.add_argument("--write", action="store_true", help="write the solver's section of RESULTS.md")
     arguments = parser.parse_args()
-    text = f"## Solver\n\n{_machine()}\n"
+    text = f"## Solver\n\n{machine()}\n"
     for name in arguments.tables:
         part = tables[name](arguments)
         print(part, flush=True)
         text += f"\n{part}"
     if arguments.write:
         write_section("solver", text)
-
-
-def _machine() -> str:
-    model = platform.processor() or platform.machine()
-    if Path("/proc/cpuinfo").exists():
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-        model = next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), model)
-    load = os.getloadavg()[0] if hasattr(os, "getloadavg") else float("nan")
-    return f"{model}, {os.cpu_count()} cores, load {load:.1f} at the start (1 = one core busy)."
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@ import sys
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import av
 import cv2
@@ -15,6 +16,7 @@ from lipmetrics.look import CLOSED, NO_MOUTH, OPEN, Look
 from simulator.mesh import block, to_tetrahedra
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
+import mouth
 import reference
 import results
 import scores
@@ -304,6 +306,48 @@ def test_markdown_table():
         "| p | 1 | 0.13 |",
         "| q | - | x |",
     ]
+
+
+# --- simulated mouth
+
+
+def test_differences_of_profiles_are_in_percent_of_the_mouth_width():
+    frames = [pd.DataFrame({"width_mw": [0.0, w], "height_mw": [0.0, 0.1], "area_mw2": [0.0, a]}) for w, a in
+              ((0.5, 0.03), (0.52, 0.028))]  # fmt: skip
+    found = mouth.differences(*(SimpleNamespace(frames=each) for each in frames))
+    np.testing.assert_allclose(found["width_mw"], [0, 2])
+    np.testing.assert_allclose(found["area_mw2"], [0, 0.2], atol=1e-12)
+    assert mouth.worst_mean(found) == pytest.approx(1)
+    assert mouth.summed_up(np.append(np.zeros(99), 5.0)) == "0.05 / 0.00 / 5.00"
+
+
+def test_works_are_timed_in_turn():
+    done = []
+    taken = mouth.in_turn_s({name: partial(done.append, name) for name in "ab"}, 2)
+    assert done == ["a", "b", "a", "b"]
+    assert [len(each) for each in taken.values()] == [2, 2]
+
+
+def test_stopwatch_adds_up_what_a_method_took():
+    class Worker:
+        def work(self, number):
+            return number + 1
+
+    watch, worker = mouth._Stopwatch(), Worker()
+    watch.watch(worker, "work", "working")
+    assert [worker.work(1), worker.work(2)] == [2, 3]
+    assert watch.spent["working"] >= 0
+
+
+def test_cases_that_are_compared_can_be_solved_and_only_one_is_the_default():
+    seen = []
+    for mesh, changes in mouth.CASES.values():
+        scene = mouth.with_solver(mouth.findings.scene("slow_open", 7.0, mesh), **changes)
+        seen.append((mesh, scene.solve))
+    assert all(seen.count(each) == 1 for each in seen)
+    mesh, changes = mouth.CASES[mouth.DEFAULT]
+    assert not changes
+    assert mesh == mouth.load_scene("slow_open").face.resolution
 
 
 # --- meshes

@@ -1,0 +1,557 @@
+"""How fast and how accurate the simulated mouth is. Prints the mouth's tables of RESULTS.md and its figure.
+
+    python benchmarks/mouth.py --write                     # all tables, then the section of RESULTS.md
+    python benchmarks/mouth.py --part solve truth          # some of them; --help lists all
+
+- solve: a second of slow_open against the thesis's 28 s and 354 s on a graphics card, and where the time goes;
+- error: run time against the error of the opening's profile, over mesh, time step and precision, and the figure
+  docs/figures/mouth_error.png; every built-in scene at half the time step;
+- render, truth: pictures and truths per second;
+- pool: what gathering of the saliva in the corners does to the opening.
+
+Times are on the wall, with what is compared done in turn, so that a slow spell of the machine hits all of it; the
+load of the machine is printed with them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import os
+import tempfile
+import time
+from collections.abc import Callable
+from functools import lru_cache, partial
+from pathlib import Path
+
+import findings
+import numpy as np
+import pandas as pd
+from numba import njit
+from results import machine, markdown, write_section
+
+from simulator import film, kernels, symmetry, timestep
+from simulator.camera import Camera
+from simulator.look import CLEAN, Look
+from simulator.model import Model
+from simulator.motion import Motion
+from simulator.mouth import Mouth
+from simulator.render import render
+from simulator.scene import Scene, load_scene, scene_names
+from simulator.simd import LANES
+from simulator.simulate import simulate
+from simulator.solver import SAFETY, _Run
+from simulator.threads import ThreadChoice
+from simulator.truth import Truth, truth
+from simulator.video import write_video
+
+FIGURE = findings.FIGURES / "mouth_error.png"
+THESIS_S = {"medium": 28.0, "high": 354.0}  # 1 s of slow_open on a graphics card, meshes of 3,414 and 13,680 elements
+MESHES = ("low", "medium", "high")
+SIZES = ("width_mw", "height_mw", "area_mw2")
+ERROR_SCENES = (("slow_open", 0.0), ("slow_open", 7.0), ("slow_open", 10.0), ("p", 7.0))
+DEFAULT = "medium, mixed, safety 0.9, half"
+# What is compared: name -> mesh, and settings of the solver that are not the usual ones.
+CASES: dict[str, tuple[str, dict[str, object]]] = {
+    "low, mixed, safety 0.9, half": ("low", {}),
+    DEFAULT: ("medium", {}),
+    "high, mixed, safety 0.9, half": ("high", {}),
+    "medium, safety 0.6": ("medium", {"safety": 0.6}),
+    "medium, safety 0.45": ("medium", {"safety": 0.45}),
+    "medium, float32": ("medium", {"precision": "float32"}),
+    "medium, float64": ("medium", {"precision": "float64"}),
+    "medium, whole": ("medium", {"symmetric": False}),
+    "medium, mass x 4": ("medium", {"mass_scaling": 4.0}),
+    "medium, mass x 16": ("medium", {"mass_scaling": 16.0}),
+}
+EXACT = {"precision": "float64", "safety": SAFETY / 2}
+
+
+def solved(scene: Scene) -> tuple[Mouth, Motion, float]:
+    """The mouth of a scene, its motion, and the time that solving took without making the mesh, s."""
+    parts = scene.model()
+    start = time.perf_counter()
+    motion = simulate(scene, parts=parts)
+    taken = time.perf_counter() - start
+    if motion.stopped:
+        raise RuntimeError(f"{scene.name}: {motion.stopped}")
+    return parts[0], motion, taken
+
+
+def with_solver(scene: Scene, **settings: object) -> Scene:
+    """A scene solved in another way."""
+    return dataclasses.replace(scene, solve=dataclasses.replace(scene.solve, **settings))
+
+
+def in_turn_s(works: dict[str, Callable[[], object]], repeats: int) -> dict[str, list[float]]:
+    """Times of each work on the wall, s, the works taken in turn."""
+    taken: dict[str, list[float]] = {name: [] for name in works}
+    for _ in range(repeats):
+        for name, work in works.items():
+            start = time.perf_counter()
+            work()
+            taken[name].append(time.perf_counter() - start)
+    return taken
+
+
+# -- solve ------------------------------------------------------------------------------------------------------------
+
+
+def speed_table(repeats: int) -> str:
+    """A second of slow_open at level 7 against the thesis."""
+    works, meshes, steps = {}, {}, {}
+    for mesh in THESIS_S:
+        scene = findings.scene("slow_open", 7.0, mesh)
+        for threads in (None, 1):
+            name = f"{mesh}, {'1 thread' if threads else 'measured choice of threads'}"
+            parts = scene.model()
+            works[name] = partial(simulate, scene, parts=parts, threads=threads)
+            steps[name] = works[name]().steps  # and everything is compiled
+            meshes[name] = mesh, len(parts[0].elements), min(in_turn_s({"": scene.model}, 3)[""]), scene.duration_s
+    rows = {}
+    for name, taken in in_turn_s(works, repeats).items():
+        mesh, elements, model_s, duration_s = meshes[name]
+        thesis = THESIS_S[mesh] * duration_s
+        rows[name] = {
+            "elements, half of them solved": elements,
+            "steps": steps[name],
+            "best, s": min(taken),
+            "median, s": float(np.median(taken)),
+            "mesh, s": model_s,
+            "thesis (GPU), s": thesis,
+            "times faster, best (median)": f"{thesis / min(taken):.0f} ({thesis / np.median(taken):.0f})",
+            "of real time, best (median)": f"{duration_s / min(taken):.2f} ({duration_s / np.median(taken):.2f})",
+        }
+    table = pd.DataFrame(rows).T
+    table.index.name = f"slow_open, level 7, 1 s solved, of {repeats} runs"
+    return markdown(table)
+
+
+@njit
+def _film_passes(glue, nodes, steps):
+    work = 0.0
+    for _ in range(steps):
+        for part in range(nodes.forces.shape[0]):
+            work += film.pull_film(glue, nodes, part, 0.0, 1e-9)
+    return work
+
+
+@njit
+def _inertia_passes(glue, nodes, steps):
+    work = 0.0
+    for _ in range(steps):
+        for part in range(nodes.forces.shape[0]):
+            work += film.ease_film(glue, nodes, part, 1.0)
+    return work
+
+
+@njit
+def _element_passes(elements, nodes, scratch, steps):
+    low = 1e30
+    for _ in range(steps):
+        for part in range(nodes.forces.shape[0]):
+            low = min(low, kernels.element_forces(elements, nodes, part, scratch))
+    return low
+
+
+@njit
+def _node_passes(nodes, stats, steps):
+    for _ in range(steps):
+        for part in range(nodes.forces.shape[0]):
+            kernels._join_forces(nodes, part)
+            kernels._advance_nodes(nodes, part, 1.0, stats)
+
+
+@njit
+def _jaw_passes(loads, nodes, curves, steps):
+    work = 0.0
+    for _ in range(steps):
+        for part in range(nodes.forces.shape[0]):
+            work += kernels._move_nodes(loads, nodes, part, curves, 1, 1.0, 0.0, 1e-4)
+    return work
+
+
+def passes_table(repeats: int) -> str:
+    """Where a step's time goes, one core."""
+    columns = {}
+    for mesh in MESHES:
+        scene = findings.scene("slow_open", 7.0, mesh)
+        half = symmetry.half(scene.model()[1]).model
+        columns[f"{mesh}, {len(half.elements)} elements"] = _passes_us(_set_up(half, scene), repeats)
+    table = pd.DataFrame(columns)
+    table.index.name = "us per step of the mouth at rest, each by itself, one core, processor time, best"
+    return markdown(table, 1)
+
+
+def _set_up(half: Model, scene: Scene) -> _Run:
+    return _Run(half, scene.state_times_s, "mixed", SAFETY, 1.0, None, False)
+
+
+def _passes_us(run: _Run, repeats: int) -> dict[str, float]:
+    """What a step does -> its time, us."""
+    steps = max(10, int(4e4 / len(run.model.elements)))
+    kind = run.elements.constants.dtype
+    scratch = np.empty(kernels.GROUP * kernels.KEPT * LANES[kind], kind)
+    curves, _ = run._load_table(0)
+    stats = np.zeros(kernels.STATS)
+    works = {
+        "elements": lambda: _element_passes(run.elements, run.nodes, scratch, steps),
+        "saliva": lambda: _film_passes(run.film, run.nodes, steps),
+        "saliva's inertia": lambda: _inertia_passes(run.film, run.nodes, steps),
+        "nodes": lambda: _node_passes(run.nodes, stats, steps),
+        "jaw's nodes": lambda: _jaw_passes(run.loads, run.nodes, curves, steps),
+    }
+    best = {}
+    for name, work in works.items():
+        work()
+        taken = []
+        for _ in range(repeats):
+            run.nodes.forces[:] = 0.0
+            start = time.thread_time()
+            work()
+            taken.append(time.thread_time() - start)
+        best[name] = 1e6 * min(taken) / steps
+    return best
+
+
+class _Stopwatch:
+    """Processor time of this thread by what it was spent on, s."""
+
+    def __init__(self):
+        self.spent: dict[str, float] = {}
+
+    def time(self, what: str, work: Callable, *arguments):
+        start = time.thread_time()
+        result = work(*arguments)
+        self.spent[what] = self.spent.get(what, 0.0) + time.thread_time() - start
+        return result
+
+    def watch(self, owner: object, name: str, what: str) -> None:
+        """Time every call of a method or function from now on."""
+        work = getattr(owner, name)
+        setattr(owner, name, lambda *arguments: self.time(what, work, *arguments))
+
+
+def share_table() -> str:
+    """Where the time of a whole solution goes."""
+    table = pd.DataFrame({mesh: _shares_ms(mesh) for mesh in MESHES})
+    table.index.name = "slow_open, level 7, 1 thread, processor time, ms"
+    return markdown(table, 1)
+
+
+def _shares_ms(mesh: str) -> dict[str, float]:
+    scene = findings.scene("slow_open", 7.0, mesh)
+    model = scene.model()[1]
+    watch = _Stopwatch()
+    part = watch.time("halving the mesh", symmetry.half, model)
+    stable_step = timestep.stable_step
+    watch.watch(timestep, "stable_step", "stable step")
+    try:
+        run = watch.time("other setting up", _set_up, part.model, scene)
+    finally:
+        timestep.stable_step = stable_step
+    inner = {
+        "_load_table": "load factors",
+        "_steps": "steps",
+        "_save_due": "saving states",
+        "_close_energies": "energies of states",
+    }
+    for name, what in inner.items():
+        watch.watch(run, name, what)
+    watch.time("other", _to_the_end, run)
+    motion = watch.time("handing over", run.motion)
+    watch.time("mirroring", part.mirrored, motion)
+    spent = watch.spent
+    spent["other setting up"] -= spent["stable step"]
+    spent["other"] -= sum(spent[what] for what in inner.values())
+    return {name: 1e3 * seconds for name, seconds in spent.items()} | {
+        "number of steps": run.state.steps,
+        "one step, us": 1e6 * spent["steps"] / run.state.steps,
+    }
+
+
+def _to_the_end(run: _Run) -> None:
+    choice = ThreadChoice(1, parts=len(run.parts.node_starts) - 1)
+    while not run.finished:
+        run.advance(choice, None)
+
+
+# -- error ------------------------------------------------------------------------------------------------------------
+
+
+@lru_cache(maxsize=64)
+def _measured(name: str, level: float | None, mesh: str, changes: tuple, repeats: int = 1) -> tuple[Truth, float, int]:
+    """The truth of a scene solved in some way, the best time of solving it, s, and the steps."""
+    scene = with_solver(findings.scene(name, level, mesh), **dict(changes))
+    taken = []
+    for _ in range(repeats):
+        mouth, motion, seconds = solved(scene)
+        taken.append(seconds)
+    return truth(motion, mouth, scene.camera, scene.frame_times_s), min(taken), motion.steps
+
+
+def differences(one: Truth, other: Truth) -> dict[str, np.ndarray]:
+    """Size -> (F,) absolute differences of two profiles, % of the mouth width (of its square for the area)."""
+    return {size: 100 * np.abs(findings.profile(one, size) - findings.profile(other, size)) for size in SIZES}
+
+
+def summed_up(errors: np.ndarray) -> str:
+    """Mean, 95th percentile and largest of (F,) errors."""
+    return f"{errors.mean():.2f} / {np.percentile(errors, 95):.2f} / {errors.max():.2f}"
+
+
+def worst_mean(found: dict[str, np.ndarray]) -> float:
+    """The largest of the three profiles' mean errors."""
+    return float(max(errors.mean() for errors in found.values()))
+
+
+def error_tables(repeats: int) -> str:
+    """Run time against error, a table for each scene; and the figure."""
+    text, points = "", {}
+    for name, level in ERROR_SCENES:
+        best = _measured(name, level, "high", tuple(EXACT.items()))[0]
+        rows = {}
+        for case, (mesh, changes) in CASES.items():
+            _measured(name, level, mesh, tuple(changes.items()))  # compiled
+            found, seconds, steps = _measured(name, level, mesh, tuple(changes.items()), repeats)
+            own = _measured(name, level, mesh, tuple(EXACT.items()))[0]
+            against, stepping = differences(found, best), differences(found, own)
+            rows[case] = {"solved in, s": seconds, "steps": steps}
+            rows[case] |= {f"{size.split('_')[0]}, all": summed_up(errors) for size, errors in against.items()}
+            rows[case] |= {f"{size.split('_')[0]}, stepping": summed_up(errors) for size, errors in stepping.items()}
+            points.setdefault(f"{name} {level:g}", {})[case] = seconds, worst_mean(against), worst_mean(stepping)
+        table = pd.DataFrame(rows).T
+        table.index.name = f"{name}, level {level:g}"
+        text += markdown(table) + "\n"
+    _error_figure(points)
+    return (
+        "Run time against error: mean / 95th percentile / largest difference over the frames, in % of the mouth width "
+        '(area: of its square). "All" is against the high mesh in float64 with half the step, "stepping" against the '
+        "same mesh in float64 with half the step, so that only the error of time stepping and rounding is left. The "
+        "width moves in whole saliva elements, and a frame in which one breaks earlier stands out by all of it.\n\n"
+        + text
+    )
+
+
+def _error_figure(points: dict[str, dict[str, tuple[float, float, float]]]) -> None:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(11, 4.4 * ((len(points) + 1) // 2)), layout="constrained")
+    axes = figure.subplots((len(points) + 1) // 2, 2, squeeze=False)
+    for one, (scene, cases) in zip(axes.ravel(), points.items(), strict=False):
+        for case, (seconds, error, stepping) in cases.items():
+            chosen = case == DEFAULT
+            label = case.removesuffix(", mixed, safety 0.9, half")
+            colour = "tab:red" if chosen else "black"
+            one.plot([seconds] * 2, [max(error, 1e-4), max(stepping, 1e-4)], color="lightgrey", linewidth=1, zorder=1)
+            one.plot(seconds, max(error, 1e-4), "o", color=colour, markersize=8 if chosen else 5)
+            one.plot(seconds, max(stepping, 1e-4), "o", mfc="white", color=colour, markersize=8 if chosen else 5)
+            one.annotate(
+                label.removeprefix("medium, "), (seconds, max(stepping, 1e-4)), (5, -3), textcoords="offset points",
+                fontsize=7.5, color=colour, rotation=-20, va="top",
+            )  # fmt: skip
+        one.set_xscale("log")
+        one.set_yscale("log")
+        one.set_ylim(top=3)
+        one.axhline(1, color="tab:green", linewidth=0.8, linestyle="--")
+        one.set_title(scene.replace(" ", ", level "), fontsize=10)
+        one.set_xlabel("solved in, s")
+        one.set_ylabel("mean difference, % of the mouth width")
+    handles = [
+        axes[0, 0].plot([], [], "ko", label="against the high mesh at half the step")[0],
+        axes[0, 0].plot([], [], "ko", mfc="white", label="against the same mesh at half the step")[0],
+        axes[0, 0].plot([], [], "o", color="tab:red", label="default: medium, mixed, safety 0.9, half")[0],
+    ]
+    figure.legend(handles=handles, loc="outside upper center", ncols=3, frameon=False, fontsize=9)
+    FIGURE.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(FIGURE, dpi=110)
+
+
+def half_step_table(mesh: str = "low") -> str:
+    """Every built-in scene at half the time step."""
+    rows = {}
+    for name in scene_names():
+        usual, _, steps = _measured(name, None, mesh, ())
+        finer, _, more_steps = _measured(name, None, mesh, (("safety", SAFETY / 2),))
+        found = differences(usual, finer)
+        rows[name] = {"steps": steps, "at half the step": more_steps}
+        rows[name] |= {size.split("_")[0]: summed_up(errors) for size, errors in found.items()}
+        rows[name]["frames above 1 %"] = f"{np.any([e > 1 for e in found.values()], axis=0).mean():.0%}"
+    table = pd.DataFrame(rows).T
+    table.index.name = f"{mesh} mesh, mean / 95th percentile / largest difference, % of the mouth width"
+    return "Every built-in scene against itself at half the time step.\n\n" + markdown(table)
+
+
+# -- render and truth -------------------------------------------------------------------------------------------------
+
+
+@lru_cache(maxsize=1)
+def _filmed() -> tuple[Scene, Mouth, Motion]:
+    scene = findings.scene("slow_open", 7.0)
+    mouth, motion, _ = solved(scene)
+    return scene, mouth, motion
+
+
+def _looks() -> dict[str, Look]:
+    """Looks with one effect less, and one with none."""
+    full = Look()
+
+    def without(part: str, **changes) -> Look:
+        return dataclasses.replace(full, **{part: dataclasses.replace(getattr(full, part), **changes)})
+
+    bare = dataclasses.replace(
+        full,
+        skin=dataclasses.replace(full.skin, texture=0.0, lip_lines=0.0, wetness=0.0, sheen=0.0, film=0.0, seam=0.0),
+        inside=dataclasses.replace(full.inside, upper_teeth=False, lower_teeth=False, tongue=False, shadow=0.0),
+        sensor=CLEAN,
+    )
+    return {
+        "all effects": full,
+        "no motion blur": without("sensor", shutter=0.0),
+        "no lens blur": without("sensor", blur_px=0.0),
+        "no noise": without("sensor", noise=0.0, read_noise=0.0),
+        "no effect of the sensor": dataclasses.replace(full, sensor=CLEAN),
+        "no skin texture": without("skin", texture=0.0, lip_lines=0.0),
+        "no highlights": without("skin", wetness=0.0, sheen=0.0),
+        "no saliva film": without("skin", film=0.0),
+        "no teeth, no tongue": without("inside", upper_teeth=False, lower_teeth=False, tongue=False),
+        "none of these": bare,
+        "all effects and JPEG 80": without("sensor", jpeg=80),
+        "all effects and H.264 28": without("sensor", h264=28),
+    }
+
+
+def render_tables(repeats: int) -> str:
+    """Pictures per second."""
+    scene, mouth, motion = _filmed()
+    times, rate = scene.frame_times_s[::2], scene.output.frame_rate
+    jaw = _jaw_of(scene, mouth)
+
+    def draw(camera: Camera, look: Look, threads: int, mode: str = "picture") -> int:
+        frames = render(
+            motion, mouth, camera, look, times_s=times, frame_rate=rate, jaw=jaw, threads=threads, mode=mode
+        )
+        return sum(1 for _ in frames)
+
+    small, large = Camera(), Camera(width_px=1920, height_px=1080)
+    works = {name: partial(draw, small, look, 2) for name, look in _looks().items()}
+    works["all effects, 1 thread"] = partial(draw, small, Look(), 1)
+    works |= {mode: partial(draw, small, Look(), 2, mode) for mode in ("wireframe", "stress")}
+    works["1920 x 1080, all effects"] = partial(draw, large, Look(), 2)
+    works["1920 x 1080, all effects, 1 thread"] = partial(draw, large, Look(), 1)
+    draw(small, Look(), 2)
+    rows = {
+        name: {"best": len(times) / min(seconds), "median": len(times) / float(np.median(seconds))}
+        for name, seconds in in_turn_s(works, repeats).items()
+    }
+    table = pd.DataFrame(rows).T
+    table.index.name = "pictures per s, 512 x 512 and 2 threads if not said otherwise"
+    text = f"{len(times)} pictures of slow_open, medium mesh, level 7.\n\n"
+    return text + markdown(table, 1) + "\n" + _encode_table(motion, mouth, times, rate, repeats)
+
+
+def _encode_table(motion: Motion, mouth: Mouth, times: np.ndarray, rate: float, repeats: int) -> str:
+    rows = {}
+    with tempfile.TemporaryDirectory() as folder:
+        for size, camera in {"512 x 512": Camera(), "1920 x 1080": Camera(width_px=1920, height_px=1080)}.items():
+            frames = list(render(motion, mouth, camera, times_s=times, frame_rate=rate))
+            works, files = {}, {}
+            for codec, ending in (("ffv1", "mkv"), ("h264", "mp4")):
+                files[codec] = Path(folder) / f"{size}.{ending}"
+                works[codec] = partial(write_video, files[codec], frames, rate, codec)
+            for codec, seconds in in_turn_s(works, repeats).items():
+                rows[f"{codec}, {size}"] = {
+                    "pictures per s, best": len(frames) / min(seconds),
+                    "median": len(frames) / float(np.median(seconds)),
+                    "kB per picture": files[codec].stat().st_size / len(frames) / 1e3,
+                }
+    table = pd.DataFrame(rows).T
+    table.index.name = "encoding by itself, 2 threads"
+    return markdown(table, 1)
+
+
+def _jaw_of(scene: Scene, mouth: Mouth) -> Callable[[float], tuple]:
+    moved = scene.jaw(mouth)
+
+    def jaw(time_s: float) -> tuple[float, tuple[float, float]]:
+        angle, joint = moved.transform(time_s)
+        return float(np.degrees(angle)), (float(joint[1]), float(joint[2]))
+
+    return jaw
+
+
+def truth_table(repeats: int) -> str:
+    """Truths per second, from a motion in memory."""
+    scene, mouth, motion = _filmed()
+    times = np.linspace(0, scene.duration_s, 1000)
+    found = truth(motion, mouth, scene.camera, times)
+    with tempfile.TemporaryDirectory() as folder:
+        works = {
+            "truth": lambda: truth(motion, mouth, scene.camera, times),
+            "writing its files": lambda: found.save(folder, "clip"),
+            "masks, 512 x 512": lambda: found.masks(),
+        }
+        taken = in_turn_s(works, repeats)
+    rows = {
+        name: {"frames per s, best": len(times) / min(s), "median": len(times) / float(np.median(s))}
+        for name, s in taken.items()
+    }
+    table = pd.DataFrame(rows).T
+    table.index.name = f"truth only, {len(times)} frames of slow_open, medium"
+    return markdown(table, 0)
+
+
+# -- pool -------------------------------------------------------------------------------------------------------------
+
+
+def pool_table(mesh: str = "medium") -> str:
+    """The opening with more and less saliva in the corners than elsewhere."""
+    usual = load_scene("slow_open").saliva.pooling
+    rows = {}
+    for pooling in sorted({1.0, 4.0, 12.0, 100.0, usual}):
+        row = rows[f"{pooling:g}{' (default)' if pooling == usual else ''}"] = {}
+        for level in (4.0, 7.0, 10.0):
+            scene = findings.scene("slow_open", level, mesh)
+            scene = dataclasses.replace(scene, saliva=dataclasses.replace(scene.saliva, pooling=pooling))
+            mouth, motion, _ = solved(scene)
+            found = truth(motion, mouth, scene.camera, scene.frame_times_s)
+            width = findings.profile(found, "width_mw")
+            if not width.any():
+                row[f"level {level:g}"] = "never opens"
+                continue
+            onset = found.frames["time_s"].to_numpy()[np.argmax(width > 0)]
+            row[f"level {level:g}"] = f"{onset:.2f} / {findings.zip_time_s(found):.2f} / {width[-1]:.2f}"
+    table = pd.DataFrame(rows).T
+    table.index.name = "saliva in the corners over that in the middle"
+    return (
+        "Gathering of the saliva in the corners, slow_open: when the lips part, s / from then to 90 % of the last "
+        "width, s / last width, mouth widths.\n\n" + markdown(table)
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parts: dict[str, Callable[[int], str]] = {
+        "solve": lambda n: "\n".join([speed_table(max(n, 5)), share_table(), passes_table(30)]),
+        "error": lambda n: error_tables(n) + half_step_table(),
+        "render": render_tables,
+        "truth": truth_table,
+        "pool": lambda n: pool_table(),
+    }
+    parser.add_argument("--part", nargs="+", choices=parts, default=list(parts))
+    parser.add_argument("--repeats", type=int, default=3, help="of each timing; at least 5 of a second of slow_open")
+    parser.add_argument("--write", action="store_true", help="write the mouth's section of RESULTS.md")
+    arguments = parser.parse_args()
+    text = f"## Simulated mouth\n\n{machine()}\n"
+    print(text)
+    for name in arguments.part:
+        load = f", load {os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else ""
+        part = f"### {name.capitalize()}{load}\n\n{parts[name](arguments.repeats)}"
+        print(part, flush=True)
+        text += f"\n{part}"
+    if arguments.write:
+        write_section("mouth", text)
+
+
+if __name__ == "__main__":
+    main()
