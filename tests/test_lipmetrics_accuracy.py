@@ -85,7 +85,7 @@ def test_errors_are_in_percent_of_the_true_mouth_width():
 
 
 def test_states_are_counted_over_all_frames():
-    true = clip([], [], [box(9, 9, 4, 9)], [box(9, 9, 4, 9), box(9, 30, 2, 9)], [box(9, 9, 4, 9)])
+    true = clip([], [], [box(9, 9, 4, 9)], [box(9, 9, 4, 9), box(9, 30, 2, 9)], [box(9, 9, 5, 9)])
     seen = clip([], [box(9, 9, 3, 9)], [], [box(9, 9, 4, 9)], None)
     report = compare(seen, true)
     assert report["open_or_closed_right_percent"] == pytest.approx(40)
