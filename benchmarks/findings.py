@@ -11,10 +11,12 @@ import dataclasses
 from functools import lru_cache
 from pathlib import Path
 
+import cv2
 import numpy as np
 import results
 
 from simulator import events
+from simulator.clip import pictures
 from simulator.figures import plot_saliva, plot_truth
 from simulator.motion import Motion
 from simulator.scene import Scene, load_scene
@@ -72,7 +74,7 @@ def zip_time_s(found: Truth) -> float:
 def table() -> list[str]:
     """A row for each scene and level, in Markdown."""
     rows = [
-        "| scene | level | onset, s | width 90 % after, s | width, height at the end | height over that at the end | openings |",
+        "| scene | level | onset, s | width 90 % after, s | width, height at the end | height over that | openings |",
         "|---|---|---|---|---|---|---|",
     ]
     for name, level in [(name, level) for name in ACTIONS for level in LEVELS] + [(name, None) for name in ONE_EACH]:
@@ -100,8 +102,29 @@ def draw() -> None:
     plot_truth({"even": clip("drying"), "right side faster": clip("uneven_drying")}, FIGURES / "drying.png", "drying")
     plot_saliva(clip("double_opening"), FIGURES / "double_opening_saliva.png", "double_opening")
     plot_saliva(clip("uneven_drying"), FIGURES / "uneven_drying_saliva.png", "uneven_drying")
+    draw_sheet("slow_open", (0.2, 0.26, 0.32, 0.4, 0.52, 0.9), FIGURES / "slow_open_pictures.jpg")
+    draw_sheet("double_opening", (0.2, 0.3, 0.38, 0.44, 0.5, 0.9), FIGURES / "double_opening_pictures.jpg", (7,))
     meshes = {f"{name} mesh": clip("slow_open", 7, name) for name in ("low", "medium", "high")}
     plot_truth(meshes, FIGURES / "mesh_profiles.png", "slow_open, level 7")
+
+
+def draw_sheet(name: str, times_s: tuple[float, ...], path: Path, levels: tuple[float, ...] = LEVELS) -> None:
+    """Pictures of a scene: a row for each level, a column for each time, as thesis figure 4.15 has them turned."""
+    rows = []
+    for level in levels:
+        one = scene(name, level)
+        one = dataclasses.replace(one, camera=dataclasses.replace(one.camera, width_px=224, height_px=224, view_m=0.08))
+        mouth, model = one.model()
+        motion = simulate(one, parts=(mouth, model))
+        rows.append(np.hstack(list(pictures(one, mouth, motion, np.array(times_s)))))
+    write_jpeg(np.vstack(rows), path)
+
+
+def write_jpeg(picture: np.ndarray, path: Path) -> None:
+    """Write an RGB picture whole or not at all."""
+    part = path.with_suffix(".part.jpg")
+    cv2.imwrite(str(part), picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 90])
+    part.replace(path)
 
 
 def main() -> None:

@@ -1,4 +1,4 @@
-"""Drawn mouths at known positions: training pictures, test pictures and the clip of ``lipmetrics demo``.
+"""Drawn mouths at known positions: training pictures, test pictures and what `lipmetrics demo` rehearses with.
 
 A mouth is drawn in mouth units: x to the right, y downwards, the resting mouth is 1 wide, its centre is (0, 0).
 Everything that varies between people, light and cameras is a field of :class:`Face`; :func:`random_face` draws

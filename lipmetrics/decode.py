@@ -124,7 +124,7 @@ def decode(odds: np.ndarray, region: tuple[int, int, int, int] | None = None, le
     """
     row0, row1, col0, col1 = region or (0, odds.shape[1], 0, odds.shape[2])
     left, right, found = _decode(
-        odds[:, row0:row1, col0:col1],
+        np.ascontiguousarray(odds[:, row0:row1, col0:col1]),  # else all is compiled twice
         np.float32(lean),
         _column_costs(odds.shape[2])[col0:col1],
         _LOGISTIC,
@@ -283,12 +283,16 @@ def best_path(score, highest, lowest, costs):
     rows, cols = score.shape
     never = np.float32(-1e30)
     reach = len(costs) - 1
-    value, before = np.full(rows, never), np.full(rows + 2 * reach, never)
+    # plain loops: array expressions take several times as long to compile
+    value, before = np.empty(rows, np.float32), np.empty(rows + 2 * reach, np.float32)
     came = np.zeros((cols, rows), np.int8)
+    for i in range(before.size):
+        before[i] = never
     for j in range(cols):
         if j:
-            before[reach : reach + rows] = value
-            value[:] = before[reach : reach + rows] - costs[0]
+            for i in range(rows):
+                before[reach + i] = value[i]
+                value[i] -= costs[0]
             for jump in range(1, reach + 1):
                 for sign in (-1, 1):
                     first = reach + sign * jump
@@ -298,13 +302,21 @@ def best_path(score, highest, lowest, costs):
                         better = other > value[i]
                         value[i] = other if better else value[i]
                         here[i] = by if better else here[i]
-            value += score[:, j]
+            for i in range(rows):
+                value[i] += score[i, j]
         else:
-            value[:] = score[:, 0]
-        value[: highest[j]] = never
-        value[lowest[j] + 1 :] = never
+            for i in range(rows):
+                value[i] = score[i, 0]
+        for i in range(highest[j]):
+            value[i] = never
+        for i in range(lowest[j] + 1, rows):
+            value[i] = never
+    best = 0
+    for i in range(1, rows):
+        if value[i] > value[best]:
+            best = i
     path = np.empty(cols, np.int64)
-    path[cols - 1] = np.argmax(value)
+    path[cols - 1] = best
     for j in range(cols - 1, 0, -1):
         path[j - 1] = path[j] + came[j, path[j]]
     return path

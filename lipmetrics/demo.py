@@ -1,170 +1,158 @@
-"""`lipmetrics demo`: a drawn mouth whose openings are known exactly, measured from its video, and the difference."""
+"""`lipmetrics demo`: a sticky mouth is simulated, its video measured like any other, and the difference reported.
+
+What simulates is handed over by the command line, as this package knows nothing of the simulator. While it is at work
+another process measures a drawn mouth, which compiles the detector: a first run spends most of its time on compiling,
+and one process compiles on one core only.
+"""
 
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
-import av
 import numpy as np
 
-from lipmetrics.artificial import Drawing, Face, Shape, draw, lip_curves
+from lipmetrics.accuracy import compare, describe, load_truth
 from lipmetrics.atomic import whole_file
-from lipmetrics.look import CLOSED, OPEN, Look
-from lipmetrics.openings import Identities, measure_outline
-from lipmetrics.overlay import write_overlay
-from lipmetrics.pipeline import measure
-from lipmetrics.profile import FORMAT, Profile, frame_row, opening_row, tables
+from lipmetrics.demo_page import Simulated, write_moments, write_page, write_plot
+from lipmetrics.profile import without_nan
 
-FPS = 25
-SIZE = (360, 480)  # rows, columns: a face from nose to chin
-MOUTH_WIDTH_PX = 150.0
-CENTRE = (160.0, 236.0)  # row, column
-FACE = Face(jaw_width=2.3, upper_teeth=0.08, cavity=(0.12, 0.05, 0.05))
+LONGEST_WAIT_S = 300.0  # for the other process; then the detector is compiled here
 
 
-def demo(folder: Path, *, method: str = "default", progress: bool = False) -> dict:
-    """Draw a clip, measure it, compare with the truth; everything is written into `folder`.
+def demo(
+    folder: Path,
+    simulate: Callable[[Path], Simulated],
+    *,
+    method: str = "default",
+    progress: bool = False,
+    rehearsal: str = "lipmetrics.demo:rehearse",
+    side_by_side: bool | None = None,
+) -> dict:
+    """Simulate a clip, measure its video, compare with its truth; everything is written into `folder`.
+
+    Parameters
+    ----------
+    simulate : writes a clip and its truth into a folder
+    method : as in `lipmetrics.measure`
+    rehearsal : "module:function" that compiles what comes after the simulation; it is called with the method
+    side_by_side : rehearse in another process during the simulation; None does so with two cores or more
 
     Returns
     -------
-    the comparison: mean errors of the largest opening in % of the mouth width, shares of frames judged right, names of
-    the files, and the same as lines of `text`
+    the comparison of `lipmetrics.accuracy.compare`, `seconds` of each work, names of the `files`, and lines of `text`
 
-    Raises InputError if `folder` cannot be written to.
+    Raises InputError if `folder` cannot be written to or the clip cannot be simulated
     """
-    shapes = sticky_opening()
-    clip = folder / "demo.mp4"
-    write_clip(clip, shapes)
-    truth = true_profile(shapes)
+    started = time.perf_counter()
+    with rehearsing(rehearsal, method, _cores() > 1 if side_by_side is None else side_by_side) as rehearsed:
+        simulated = simulate(folder)
+        simulated_at = time.perf_counter()
+        import matplotlib.figure  # noqa: F401  takes a second or two: meanwhile the other process goes on
+
+        from lipmetrics.overlay import write_overlay
+        from lipmetrics.pipeline import measure
+
+        rehearsed()
+    compiled_at = time.perf_counter()
+    stem = simulated.stem
+    clip, truth = folder / f"{stem}.mp4", load_truth(folder / stem)
     measured = measure(clip, method=method, keep_outlines=True, progress=progress)
-    files = [clip, *truth.save(folder, "truth"), *measured.save(folder, "demo")]
-    files += [folder / "demo.overlay.mp4", folder / "demo.report.png", folder / "demo.report.json"]
-    write_overlay(clip, measured, files[-3])
-    plot_comparison(measured, truth, files[-2])
+    measured_at = time.perf_counter()
+    tables = measured.save(folder, f"{stem}.measured")
     report = compare(measured, truth)
-    with whole_file(files[-1]) as part:
-        part.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
-    return report | {"files": [str(path) for path in files], "text": [*describe(report), f"files in {folder}"]}
+    overlay, moments, plot, facts, page = (
+        folder / f"{stem}.{name}" for name in ("overlay.mp4", "moments.png", "report.png", "report.json", "report.html")
+    )
+    write_overlay(clip, measured, overlay)
+    write_moments(clip, measured, truth, moments)
+    write_plot(measured, truth, plot)
+    with whole_file(facts) as part:
+        part.write_text(json.dumps(without_nan(report), indent=2) + "\n", encoding="utf-8")
+    ended = time.perf_counter()
+    seconds = simulated.seconds | {
+        "simulation in all": simulated_at - started,
+        "waiting for the detector to be compiled": compiled_at - simulated_at,
+        "measurement": measured_at - compiled_at,
+        "pictures": ended - measured_at,
+        "all": ended - started,
+    }
+    seconds = {name: round(value, 2) for name, value in seconds.items()}
+    write_page(page, simulated, measured, truth, report, seconds, plot=plot, moments=moments, video=overlay)
+    text = [
+        *describe(report),
+        f"simulated in {seconds['simulation in all']:.0f} s, measured in {seconds['measurement']:.0f} s, "
+        f"{seconds['all']:.0f} s in all",
+        f"open {page} in a browser; all files are in {folder}",
+    ]
+    files = [*simulated.files, *tables, overlay, moments, plot, facts, page]
+    return report | {"seconds": seconds, "files": [str(path) for path in files], "text": text}
 
 
-def sticky_opening() -> list[Shape]:
-    """The mouth in every frame: it rests, opens around a patch that sticks, comes unstuck, closes; 3 s."""
-    shapes = []
-    for time_s in np.arange(3 * FPS) / FPS:
-        opening = np.interp(time_s, (0.4, 1.5, 2.0, 2.7), (0.0, 0.42, 0.42, 0.0))
-        patch = np.interp(time_s, (0.4, 1.1), (0.2, 0.12))  # half its width, share of half the mouth width
-        shapes.append(
-            Shape(
-                gap=(0.35 * opening, 0.65 * opening),
-                span=(-0.55 - 0.6 * opening, 0.55 + 0.6 * opening),
-                glued=((0.15 - patch, 0.15 + patch),) if opening > 0 and time_s < 1.1 else (),
-            )
-        )
-    return shapes
+@contextmanager
+def rehearsing(function: str, method: str, wanted: bool = True) -> Iterator[Callable[[], None]]:
+    """Another process fills the cache of compiled code; what is given waits for it.
+
+    It ends with the block, whatever happens. If it fails nothing is lost but time.
+    """
+    if not wanted:
+        yield lambda: None
+        return
+    module, _, name = function.partition(":")
+    code = f"import sys, {module}; {module}.{name}(sys.argv[1])"
+    command = [sys.executable, "-P", "-c", code, method]
+    quiet = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.DEVNULL)
+    other = subprocess.Popen(command, **quiet)
+
+    def wait() -> None:
+        try:
+            other.wait(LONGEST_WAIT_S)
+        except subprocess.TimeoutExpired:
+            other.kill()
+
+    try:
+        yield wait
+    finally:
+        if other.poll() is None:
+            other.kill()
+        other.wait()
 
 
-def drawn(shape: Shape) -> Drawing:
-    """The face with this mouth; the chin follows the lower lip, the skin stays the same."""
-    face = replace(FACE, shape=shape, chin_y=FACE.chin_y + 0.8 * shape.gap[1])
-    return draw(face, SIZE, MOUTH_WIDTH_PX, CENTRE, rng=np.random.default_rng(0), supersample=1)
+def rehearse(method: str = "default") -> None:
+    """Measure a short clip of a drawn mouth, so that all that `measure` compiles is there afterwards."""
+    from lipmetrics.pipeline import measure
+
+    with TemporaryDirectory() as folder:
+        clip = Path(folder) / "rehearsal.mp4"
+        write_drawn_clip(clip)
+        measure(clip, method=method, keep_outlines=True)
+    from matplotlib import font_manager  # noqa: F401  the first import ever lists the machine's fonts
 
 
-def write_clip(path: Path, shapes: list[Shape]) -> None:
-    """Draw each shape and write them all as an H.264 mp4 of `FPS` frames per second."""
+def write_drawn_clip(path: Path) -> None:
+    """A drawn mouth that opens, in 6 frames of H.264."""
+    import av
+
+    from lipmetrics.artificial import Face, Shape, draw
+
     with whole_file(path) as part, av.open(str(part), "w", format="mp4") as target:
-        stream = target.add_stream("libx264", rate=FPS, options={"crf": "18"})
-        stream.height, stream.width = SIZE
-        stream.pix_fmt = "yuv420p"
-        for i, shape in enumerate(shapes):
-            frame = av.VideoFrame.from_ndarray(drawn(shape).picture, format="rgb24")
-            frame.pts = i
+        stream = target.add_stream("libx264", rate=25, options={"preset": "ultrafast"})
+        stream.width, stream.height, stream.pix_fmt = 260, 200, "yuv420p"
+        for number, gap in enumerate((0.0, 0.0, 0.1, 0.2, 0.3, 0.3)):
+            face = Face(jaw_width=2.3, shape=Shape(gap=(gap / 3, gap)))
+            drawn = draw(face, (200, 260), 90.0, rng=np.random.default_rng(0), supersample=1)
+            frame = av.VideoFrame.from_ndarray(drawn.picture, format="rgb24")
+            frame.pts = number
             target.mux(stream.encode(frame))
         target.mux(stream.encode())
 
 
-def true_outlines(shape: Shape) -> list[np.ndarray]:
-    """The openings of a shape as drawn by `write_clip`, (n, 2) float64 (row, column) in px each, from its curves."""
-    x = np.linspace(-shape.width / 2, shape.width / 2, 1001)
-    _, upper, lower, _ = lip_curves(shape, x)
-    inside = np.concatenate([[False], (lower - upper) * MOUTH_WIDTH_PX > 0.1, [False]])
-    starts, stops = np.flatnonzero(inside[1:] & ~inside[:-1]), np.flatnonzero(inside[:-1] & ~inside[1:])
-    outlines = []
-    for start, stop in zip(starts, stops, strict=True):
-        along, upper_edge, lower_edge = x[start:stop], upper[start:stop], lower[start:stop]
-        rows = np.concatenate([upper_edge, lower_edge[::-1]])
-        cols = np.concatenate([along, along[::-1]])
-        outlines.append(np.column_stack([CENTRE[0] + MOUTH_WIDTH_PX * rows, CENTRE[1] + MOUTH_WIDTH_PX * cols]))
-    return outlines
-
-
-def true_profile(shapes: list[Shape]) -> Profile:
-    """The profile of the clip from geometry alone, in the tables that `measure` writes."""
-    identities = Identities()
-    frames, openings = [], []
-    for i, shape in enumerate(shapes):
-        outlines = true_outlines(shape)
-        found = [measure_outline(outline) for outline in outlines]
-        frames.append(frame_row(i, i / FPS, Look(OPEN if found else CLOSED, outlines), found))
-        openings += [opening_row(i, i / FPS, w, o) for w, o in zip(identities.update(found), found, strict=True)]
-    meta = {"format": FORMAT, "file": "demo.mp4", "mouth_width_px": MOUTH_WIDTH_PX, "mouth_width_found": "drawn so"}
-    return Profile(*tables(frames, openings, MOUTH_WIDTH_PX), meta)
-
-
-def compare(measured: Profile, truth: Profile) -> dict:
-    """How far a measured profile is from the true one of the same frames.
-
-    Errors are mean absolute differences of the largest opening over the frames that both see open, in % of the true
-    mouth width; shares are over all frames.
-    """
-    a, b = measured.frames, truth.frames
-    both = ((a["status"] == OPEN) & (b["status"] == OPEN)).to_numpy()
-    width_px = truth.meta["mouth_width_px"]
-
-    def error(column: str) -> float:
-        return float(100 * np.abs(a[column] - b[column])[both].mean() / width_px) if both.any() else float("nan")
-
-    return {
-        "frames": len(b),
-        "frames_open": int((b["status"] == OPEN).sum()),
-        "height_error_percent": error("height_px"),
-        "width_error_percent": error("width_px"),
-        "open_or_closed_right_percent": float(100 * (a["status"] == b["status"]).mean()),
-        "number_of_openings_right_percent": float(100 * (a["n_openings"] == b["n_openings"]).fillna(False).mean()),
-        "mouth_width_px": measured.meta["mouth_width_px"],
-        "true_mouth_width_px": width_px,
-    }
-
-
-def describe(report: dict) -> list[str]:
-    """The comparison in words, one line each."""
-    return [
-        f"drawn and measured: {report['frames']} frames, {report['frames_open']} of them open",
-        f"opening height is off by {report['height_error_percent']:.1f} % of the mouth width on average, "
-        f"its width by {report['width_error_percent']:.1f} %",
-        f"open or closed is right in {report['open_or_closed_right_percent']:.0f} % of the frames, "
-        f"the number of openings in {report['number_of_openings_right_percent']:.0f} %",
-        f"mouth width {report['mouth_width_px']:.1f} px, drawn {report['true_mouth_width_px']:.1f} px",
-    ]
-
-
-def plot_comparison(measured: Profile, truth: Profile, path: Path) -> None:
-    """Width, height and number of openings over time, measured over true, as a PNG."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(8, 6), dpi=120, layout="constrained")
-    FigureCanvasAgg(figure)
-    panels = figure.subplots(3, 1, sharex=True)
-    labels = {"width_px": "width (px)", "height_px": "height (px)", "n_openings": "openings"}
-    for panel, (column, label) in zip(panels, labels.items(), strict=True):
-        for profile, style, name in ((truth, {"color": "0.6", "linewidth": 4}, "drawn"), (measured, {}, "measured")):
-            panel.plot(
-                profile.frames["time_s"], profile.frames[column].to_numpy(float, na_value=np.nan), label=name, **style
-            )
-        panel.set_ylabel(label)
-    panels[0].legend(frameon=False)
-    panels[-1].set_xlabel("time (s)")
-    with whole_file(path) as part:
-        figure.savefig(part, format="png", metadata={"Software": None})
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -74,7 +74,7 @@ def fullest_column(outline):
     of its two sides. Edges crossed by a vertical line alternate in direction, so the inside length is the sum of
     their rows, signed by direction.
     """
-    corners = np.unique(outline[:, 1])
+    corners = np.sort(outline[:, 1])  # one column several times changes no maximum; np.unique takes long to compile
     right_of = np.zeros(len(corners))  # inside length just right of each corner column
     left_of = np.zeros(len(corners))
     for k in range(len(outline)):

@@ -92,7 +92,7 @@ def runs(loose: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     padded = np.zeros((loose.shape[0], loose.shape[1] + 2), np.int8)
     padded[:, 1:-1] = loose
     step = np.diff(padded, axis=1)
-    frame, first = np.nonzero(step == 1)
+    frame, first = map(np.ascontiguousarray, np.nonzero(step == 1))  # else what reads them is compiled twice
     _, behind = np.nonzero(step == -1)
     return frame, first, behind - 1
 

@@ -266,12 +266,10 @@ def _write_truth(scene: Scene, mouth: Mouth, motion: Motion, folder: Path, stem:
 
 def _write_videos(scene: Scene, mouth: Mouth, motion: Motion, folder: Path, stem: str, people: bool, tick) -> None:
     """Draw every frame once, into a lossless video and one for people."""
-    from simulator.render import render
     from simulator.video import write_video
 
-    rate, times, jaw = scene.output.frame_rate, scene.frame_times_s, _lower_teeth(scene, mouth)
-    frames = render(motion, mouth, scene.camera, scene.look, times_s=times, frame_rate=rate, jaw=jaw)
-    frames = tick(frames, total=len(times))
+    rate, times = scene.output.frame_rate, scene.frame_times_s
+    frames = tick(pictures(scene, mouth, motion, times), total=len(times))
     if not people:
         write_video(folder / f"{stem}.mkv", frames, rate)
         return
@@ -280,6 +278,15 @@ def _write_videos(scene: Scene, mouth: Mouth, motion: Motion, folder: Path, stem
         lambda frames: write_video(folder / f"{stem}.mkv", frames, rate),
         lambda frames: write_video(folder / f"{stem}.mp4", map(_even, frames), rate, "h264"),
     )
+
+
+def pictures(scene: Scene, mouth: Mouth, motion: Motion, times_s: np.ndarray) -> Iterator[np.ndarray]:
+    """(H, W, 3) uint8 pictures of a scene at some times, s, as its clip shows them."""
+    from simulator.render import render
+
+    jaw = _lower_teeth(scene, mouth)
+    rate = scene.output.frame_rate
+    return render(motion, mouth, scene.camera, scene.look, times_s=times_s, frame_rate=rate, jaw=jaw)
 
 
 def _lower_teeth(scene: Scene, mouth: Mouth) -> Callable:

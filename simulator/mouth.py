@@ -212,9 +212,7 @@ def surface_z(shape: MouthShape, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     z = -(x**2) / (2 * shape.face_radius_m)
     z = z + shape.protrusion_m * fade * _lip_profile(d)
     z = z - 0.0012 * np.exp(-(((np.abs(x) - half) / 0.004) ** 2) - (above / 0.006) ** 2)  # dimple at the corners
-    z = z + 0.06 * (
-        above + np.hypot(above, 0.006) - 0.006
-    )  # the skin of the upper lip rises to the nose
+    z = z + 0.06 * (above + np.hypot(above, 0.006) - 0.006)  # the skin of the upper lip rises to the nose
     z = z - 0.0012 * np.exp(-((x / 0.0035) ** 2)) * _step(above, upper + 0.001, upper + 0.006)  # philtrum
     groove, chin = -0.55 * shape.below_m * 0.55, -0.55 * shape.below_m
     z = z - shape.groove_m * np.exp(-(((y - groove) / 0.006) ** 2) - (x / (0.8 * half)) ** 2)

@@ -17,7 +17,7 @@ from scipy.sparse.csgraph import connected_components
 
 from simulator.atomic import whole_file
 from simulator.errors import InputError
-from simulator.mouth import FLATTEST, GROUPS, SALIVA, SKIN, Mouth, corner_quality
+from simulator.mouth import COMMISSURE, FLATTEST, GROUPS, LIPS, SALIVA, Mouth, corner_quality
 from simulator.obj_file import Face, ObjFile, read_obj
 from simulator.wording import choices, nearest
 
@@ -51,7 +51,7 @@ def read_mouth_obj(path: str | Path, thickness_m: float = 0.006, units: str = "m
     read = read_obj(path)
     quads, group = _quads(read), np.array([_group(face, read.path) for face in read.faces])
     for number, name in enumerate(GROUPS):
-        if not (group == number).any():
+        if number != COMMISSURE and not (group == number).any():
             raise InputError(f"{read.path}: expected quads of the groups {choices(GROUPS)}, got none of {name}")
     used = np.unique(quads)
     _check_coinciding(read, used)
@@ -255,7 +255,7 @@ def _along(quads: np.ndarray, first: int, last: int) -> np.ndarray:
 def _border_distance(outer: np.ndarray, faces: np.ndarray, group: np.ndarray) -> np.ndarray:
     """(n,) m: distance of outer nodes to the line between skin and lips (with the saliva), positive in the lips."""
     _, edge, uses = _edges(faces)
-    red = np.repeat(group != SKIN, 4)
+    red = np.repeat(np.isin(group, (LIPS, SALIVA)), 4)
     red_uses = np.bincount(edge, red, minlength=len(uses))
     ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2)
     line = ends[red & (red_uses[edge] == 1) & (uses[edge] == 2)]
@@ -270,5 +270,5 @@ def _border_distance(outer: np.ndarray, faces: np.ndarray, group: np.ndarray) ->
         rest = offset - part[..., None] * along
         distance[start : start + 4096] = np.sqrt(np.einsum("nei,nei->ne", rest, rest).min(axis=1))
     outside = np.zeros(len(outer), bool)
-    outside[faces[group == SKIN]] = True
+    outside[faces[~np.isin(group, (LIPS, SALIVA))]] = True
     return np.where(outside, -distance, distance)

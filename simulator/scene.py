@@ -486,7 +486,7 @@ class Scene:
         columns = (upper[:, 0] + lower[:, 0]) / 4  # x of the boundaries between the elements
         place = ((columns[1:] + columns[:-1]) - (columns[0] + columns[-1])) / (columns[-1] - columns[0])  # -1 to 1
         level, moisture, drying = (
-            np.full(len(mouth.saliva), value) for value in (glue.stickiness, wet.initial, wet.drying_per_s)
+            np.full(len(mouth.saliva), value, float) for value in (glue.stickiness, wet.initial, wet.drying_per_s)
         )
         for number, patch in enumerate(glue.patch, start=1):
             share = _shares(columns, patch, f"[[saliva.patch]] {number}")

@@ -55,7 +55,8 @@ def display_surface(mouth: Mouth) -> Surface:
     walls = np.stack([end, start, below[start], below[end]], axis=1)
     on_edge = np.isin(walls, np.concatenate([mouth.upper, mouth.lower])).all(axis=1)
     quads = np.concatenate([outside, mouth.inner[body], walls])
-    groups = np.concatenate([mouth.group[body], mouth.group[body], np.where(on_edge, LIPS, SKIN)])
+    of_body = np.where(mouth.group[body] == LIPS, LIPS, SKIN)  # the corners look like skin
+    groups = np.concatenate([of_body, of_body, np.where(on_edge, LIPS, SKIN)])
     element_of = np.concatenate([body, body, owner])
     order = np.argsort(groups, kind="stable")
     quads, groups, element_of = quads[order], groups[order], element_of[order]

@@ -60,7 +60,7 @@ def test_the_lips_unzip_from_the_middle_outwards(level):
 
 def test_at_the_highest_level_area_and_height_start_slowly():
     free, stuck = clip("slow_open", 0), clip("slow_open", 10)
-    early = np.searchsorted(times(free), 0.35)
+    early = np.searchsorted(times(free), 0.3)
     assert profile(stuck, "height_mw")[early] < 0.6 * profile(free, "height_mw")[early]
     assert profile(stuck, "area_mw2")[early] < 0.3 * profile(free, "area_mw2")[early]
     assert profile(stuck, "height_mw")[-1] > 0.95 * profile(free, "height_mw")[-1]
@@ -75,10 +75,13 @@ def test_at_the_highest_level_the_corners_are_still_stuck_at_the_end():
 
 
 def spread(name):
-    """Mean over time of how far apart the areas at levels 4, 7 and 10 are from that at 0, over the area at the end."""
-    areas = [profile(clip(name, level), "area_mw2") for level in LEVELS]
+    """How far apart the areas at levels 4 and 7 are from that at 0, over the area at the end, summed over time, s.
+
+    Not level 10, whose stuck corners make the same difference at any speed.
+    """
+    areas = [profile(clip(name, level), "area_mw2") for level in LEVELS[:3]]
     step = times(clip(name, 0))[1]
-    return np.abs(np.array(areas[1:]) - areas[0]).mean(axis=0).sum() * step / areas[0][-1]
+    return np.abs(np.array(areas[1:]) - areas[0]).sum() * step / areas[0][-1]
 
 
 def test_fast_opening_keeps_the_order_but_differs_less():
@@ -156,15 +159,18 @@ def test_symmetric_scenes_stay_symmetric_when_they_are_solved_whole(name):
     partner = np.lexsort(np.round(mouth.nodes, 9).T)
     image = np.lexsort(np.round(x, 9).T)
     gap = np.abs(motion.positions[:, partner] - motion.positions[:, image] * [-1, 1, 1])
-    assert gap.max() < 1e-5 * mouth.width_m
+    assert gap.max() < 1e-4 * mouth.width_m
     assert np.array_equal(motion.saliva.state, motion.saliva.state[:, ::-1])
 
 
 def test_drying_lips_open_earlier_each_time_as_the_formulas_say():
-    found = clip("drying")
+    one = findings.scene("drying", None, "low")
+    one = dataclasses.replace(one, output=dataclasses.replace(one.output, frame_rate=300.0))
+    mouth, model = one.model()
+    found = findings.truth(findings.simulate(one, parts=(mouth, model)), mouth, one.camera)
     starts = [begin for begin, _ in events.spells_s(found)]
     delays = np.array(starts) - [0.05, 1.25, 2.45]  # when the jaw begins to sink
-    assert len(starts) == 3 and rising(-delays, 0.01)
+    assert len(starts) == 3 and rising(-delays, 0.005)
     saliva = found.saliva
     middle = saliva[np.abs(saliva["x_m"] - saliva["x_m"].abs().min()) < 1e-9]
     t = middle["time_s"].to_numpy()
@@ -180,8 +186,7 @@ def test_the_side_that_dries_faster_opens_farther():
     found = clip("uneven_drying")
     offsets = [events.centre_offset_mw(found, (begin + end) / 2) for begin, end in events.spells_s(found)]
     assert abs(offsets[0]) < 0.01
-    assert offsets[2] > offsets[1] > offsets[0]
-    assert offsets[2] > 0.02
+    assert min(offsets[1:]) > 0.02
 
 
 def test_the_same_scene_twice_is_the_same_to_the_last_bit():
@@ -193,7 +198,7 @@ def test_the_same_scene_twice_is_the_same_to_the_last_bit():
 
 @pytest.mark.parametrize("name", ["slow_open", "fast_open", "m", "p", "mummy", "double_opening", "one_sided_left"])
 def test_half_the_time_step_changes_profiles_by_under_a_hundredth_of_the_mouth(name):
-    whole, half = clip(name, None, "low"), clip(name, None, "low", 0.45)
+    whole, half = clip(name), clip(name, None, "medium", 0.45)
     for size in ("width_mw", "height_mw", "area_mw2"):
         change = np.abs(profile(whole, size) - profile(half, size))
         assert change.mean() < 0.01
@@ -210,3 +215,15 @@ def test_glue_that_is_strong_enough_holds():
     found = clip("glued_shut", None, "low")
     assert (found.frames["status"] == "closed").all()
     assert (found.saliva["state"] == "intact").all()
+
+
+@pytest.mark.parametrize("name", ["p", "puppy"])
+def test_pressed_lips_do_not_pass_through_each_other(name):
+    motion, _ = findings.moved(name, 7, "low")
+    mouth = findings.scene(name, 7, "low").face.mouth()
+    height = np.linalg.norm(motion.positions[:, mouth.upper] - motion.positions[:, mouth.lower], axis=-1)
+    rest = np.linalg.norm(mouth.nodes[mouth.upper] - mouth.nodes[mouth.lower], axis=-1)
+    upright = motion.positions[:, mouth.upper, 1] > motion.positions[:, mouth.lower, 1]
+    assert upright.all()
+    assert (rest - height).max() < 0.05 * mouth.shape.thickness_m
+    assert motion.saliva.stretch.min() < 1  # they are pressed

@@ -1,6 +1,7 @@
 import errno
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -17,6 +18,7 @@ from clips import write_pictures, write_sound, write_video
 from lipmetrics import cli, detect
 from lipmetrics import profile as profiles
 from lipmetrics.profile import load_profile
+from simulator.scene import Camera, Face, Scene
 
 TABLES = [".frames.csv", ".json", ".openings.csv"]
 
@@ -436,10 +438,30 @@ def test_a_reader_that_goes_away_does_not_stop_the_work(tmp_path, pictures):
     assert len(written(tmp_path / "out")) == 9
 
 
-@pytest.mark.slow
-def test_demo_writes_its_files_and_says_how_far_off_it_is(tmp_path, capsys):
-    code = cli.main(["demo", "-o", str(tmp_path / "demo"), "--method", "thesis", "--json"])
-    report = json.loads(capsys.readouterr().out)
-    assert code == 0
-    assert report["height_error_percent"] < 3
-    assert all(os.path.getsize(path) for path in report["files"])
+def test_demo_into_a_place_that_cannot_be_written_to(tmp_path, capsys):
+    (tmp_path / "taken").write_text("a file")
+    assert cli.main(["demo", "-o", str(tmp_path / "taken")]) == cli.BAD_INPUT
+    assert re.fullmatch(r"lipmetrics: expected an output folder to write to, got .*; .*\n", capsys.readouterr().err)
+
+
+@pytest.mark.parametrize(
+    ("scene", "code", "sentence"),
+    [
+        (Scene(camera=Camera(width_px=32), face=Face(preset="nobody")), cli.BAD_INPUT, "expected a face of "),
+        (KeyboardInterrupt(), cli.STOPPED, "stopped; what was finished before is kept"),
+        (OSError(errno.ENOSPC, "No space left on device"), cli.BAD_INPUT, "No space left on device"),
+    ],
+)
+def test_a_demo_that_fails_is_one_sentence(scene, code, sentence, tmp_path, capsys, monkeypatch):
+    simulate = cli.simulate_demo
+
+    def failing(folder):
+        if isinstance(scene, BaseException):
+            raise scene
+        return simulate(folder, scene)
+
+    monkeypatch.setattr(cli, "simulate_demo", failing)
+    assert cli.main(["demo", "-o", str(tmp_path / "demo")]) == code
+    err = capsys.readouterr().err
+    assert err.startswith("lipmetrics: ") and sentence in err and err.count("\n") == 1
+    assert written(tmp_path / "demo") == []

@@ -346,7 +346,7 @@ def test_a_scene_that_blows_up_keeps_what_it_has(simulate, scene, tmp_path):
 
 def test_the_built_in_scenes_are_listed_and_printed(simulate, tmp_path):
     code, out, _ = simulate("--list")
-    assert code == 0 and len(out.splitlines()) == len(scene_names()) == 14
+    assert code == 0 and len(out.splitlines()) == len(scene_names()) == 15
     assert "slow_open        The mouth opens slowly and wide" in out
     assert set(json.loads(simulate("--list", "--json")[1])["scenes"]) == set(scene_names())
     code, out, _ = simulate("--print", "mummy")
@@ -359,7 +359,7 @@ def test_the_built_in_scenes_are_listed_and_printed(simulate, tmp_path):
     ("arguments", "message"),
     [
         (["slow_opne"], "got 'slow_opne'; did you mean 'slow_open'?"),
-        (["--print", "slow_opne"], "expected a built-in scene of double_opening, "),
+        (["--print", "slow_opne"], "expected a built-in scene of demo, double_opening, "),
         (["none.toml"], "none.toml: No such file"),
         (["m", "--stickiness", "x"], "expected levels from 0 to 10 such as 7 or 0,4,7,10, got 'x'"),
         (["m", "--stickiness", "-3"], "expected"),

@@ -25,6 +25,7 @@ from simulator.scene import (
 from simulator.settings import parse_toml, to_toml
 
 BUILT_IN = (
+    "demo",
     "double_opening",
     "drying",
     "fast_open",
@@ -415,3 +416,10 @@ def parts(settings):
         for inner in value if isinstance(value, tuple) else (value,):
             if dataclasses.is_dataclass(inner):
                 yield from parts(inner)
+
+
+def test_a_whole_number_of_stickiness_is_a_number():
+    scene = load_scene("double_opening", 7)
+    low = dataclasses.replace(scene, face=dataclasses.replace(scene.face, resolution="low"))
+    same = dataclasses.replace(low, saliva=dataclasses.replace(low.saliva, stickiness=7.0))
+    assert np.array_equal(low.model()[1].saliva.strength, same.model()[1].saliva.strength)
