@@ -325,7 +325,7 @@ def test_works_are_timed_in_turn():
     done = []
     taken = mouth.in_turn_s({name: partial(done.append, name) for name in "ab"}, 2)
     assert done == ["a", "b", "a", "b"]
-    assert [len(each) for each in taken.values()] == [2, 2]
+    assert [each.shape for each in taken.values()] == [(2, 2), (2, 2)]
 
 
 def test_stopwatch_adds_up_what_a_method_took():
