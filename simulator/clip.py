@@ -285,8 +285,8 @@ def pictures(scene: Scene, mouth: Mouth, motion: Motion, times_s: np.ndarray) ->
     from simulator.render import render
 
     jaw = _lower_teeth(scene, mouth)
-    rate = scene.output.frame_rate
-    return render(motion, mouth, scene.camera, scene.look, times_s=times_s, frame_rate=rate, jaw=jaw)
+    settings = {"times_s": times_s, "frame_rate": scene.output.frame_rate, "mode": scene.output.mode, "jaw": jaw}
+    return render(motion, mouth, scene.camera, scene.look, **settings)
 
 
 def _lower_teeth(scene: Scene, mouth: Mouth) -> Callable:

@@ -336,10 +336,12 @@ class Output:
     ----------
     frame_rate : pictures per second
     states_per_frame : computed states that are kept per picture
+    mode : picture, or as in thesis figure 3.18 wireframe or stress (von Mises)
     """
 
     frame_rate: float = 60.0
     states_per_frame: int = 1
+    mode: Literal["picture", "wireframe", "stress"] = "picture"
 
     def __post_init__(self):
         if not 1 <= self.frame_rate <= HIGHEST_RATE:
