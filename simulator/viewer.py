@@ -194,7 +194,8 @@ def find_page(path: str | Path) -> Path:
     pages = sorted(path.glob(f"*{ENDING}"))
     if not pages:
         raise InputError(
-            f"expected a page (*{ENDING}) in the folder {path}, got none; make a clip with `lipmetrics simulate`, without --truth-only"
+            f"expected a page (*{ENDING}) in the folder {path}, got none; make a clip with `lipmetrics simulate`, "
+            "without --truth-only"
         )
     if len(pages) > 1:
         raise InputError(f"expected one page in {path}, got {len(pages)}; name one of them, such as {pages[0]}")

@@ -9,7 +9,7 @@ from moved_mouth import moved_mouth
 
 from simulator import clip as clips
 from simulator import render
-from simulator.clip import make_clip, unfinished
+from simulator.clip import make_clip, pictures, unfinished
 from simulator.errors import InputError, Interrupted
 from simulator.export import load_motion
 from simulator.inside import jaw_matrix
@@ -274,3 +274,13 @@ def test_a_place_that_cannot_be_written(moved, tmp_path):
     with pytest.raises(InputError, match="expected an output folder to write to, got"):
         make_clip(SCENE, tmp_path / "file" / "out", truth_only=True)
     assert moved == []
+
+
+def test_a_scene_says_in_which_mode_it_is_drawn():
+    mouth, motion = moved_mouth("low", 3)
+    drawn = {}
+    for mode in ("picture", "wireframe", "stress"):
+        scene = Scene(name="x", duration_s=1.0, camera=Camera(64, 64), output=Output(mode=mode))
+        drawn[mode] = next(iter(pictures(scene, mouth, motion, np.array([1.0]))))
+    assert not np.array_equal(drawn["picture"], drawn["wireframe"])
+    assert not np.array_equal(drawn["stress"], drawn["wireframe"])
