@@ -9,7 +9,7 @@ from moved_mouth import moved_mouth
 
 from simulator import clip as clips
 from simulator import render
-from simulator.clip import make_clip, pictures, unfinished
+from simulator.clip import make_clip, unfinished
 from simulator.errors import InputError, Interrupted
 from simulator.export import load_motion
 from simulator.inside import jaw_matrix
@@ -281,6 +281,6 @@ def test_a_scene_says_in_which_mode_it_is_drawn():
     drawn = {}
     for mode in ("picture", "wireframe", "stress"):
         scene = Scene(name="x", duration_s=1.0, camera=Camera(64, 64), output=Output(mode=mode))
-        drawn[mode] = next(iter(pictures(scene, mouth, motion, np.array([1.0]))))
+        drawn[mode] = next(iter(clips.pictures(scene, mouth, motion, np.array([1.0]))))
     assert not np.array_equal(drawn["picture"], drawn["wireframe"])
     assert not np.array_equal(drawn["stress"], drawn["wireframe"])
