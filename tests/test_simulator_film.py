@@ -317,3 +317,18 @@ def test_drying_wakes_what_rests():
     broke = int(np.argmax(state == BROKEN))
     assert broke > 10
     assert Z[broke - 1] > Q[broke - 1] > 1 + 0.9 * (Z[broke] - 1)
+
+
+def test_a_film_that_breaks_while_one_side_is_squeezed_keeps_no_force_there(lips):
+    arrays, forces = lips
+    u = np.zeros_like(forces.rest)
+    above = forces.rest[:, 1] > HEIGHT_M + FILM_M / 2
+    u[above, 1] = FILM_M * (0.004 + 8.0 * (forces.rest[above, 2] - 0.0015))  # open in front, squeezed behind
+    forces(u)  # intact: the last forces are those of this state
+    arrays.strength[:] = 0.001
+    forces(u)
+    assert (arrays.memory[:, film.STATE] == BROKEN).all()
+    frozen = np.linalg.norm(arrays.memory[:, film.FROZEN : film.FROZEN + 12].reshape(-1, 4, 3), axis=2)
+    squeezed = forces.rest[arrays.upper, 2] < 0.0015
+    assert (frozen[squeezed] == 0).all()
+    assert (frozen[~squeezed] > 1e-6).all()
