@@ -22,8 +22,9 @@ from simulator.errors import InputError
 from simulator.materials import Material
 from simulator.motion import Motion
 from simulator.mouth import GROUPS, LIPS, SALIVA, SKIN, Mouth
+from simulator.playback import at_times, frame_times
 from simulator.stress import TISSUE, von_mises
-from simulator.surface import Surface, at_times, between, display_frames, display_surface, vertex_normals
+from simulator.surface import Surface, display_frames, display_surface, vertex_normals
 from simulator.wording import choices, nearest
 
 KINDS = ("modes", "shapes")
@@ -78,7 +79,7 @@ def write_obj_sequence(
     """
     path = _ending(path, ".obj")
     surface = display_surface(mouth)
-    frames = display_frames(mouth, motion, _times(motion, times_s))
+    frames = display_frames(mouth, motion, frame_times(motion, times_s))
     files = [path.with_name(f"{path.stem}_{number:05d}.obj") for number in range(len(frames))]
     materials = path.with_suffix(".mtl")
     _write_mtl(materials)
@@ -109,7 +110,7 @@ def write_pc2(
     InputError : times beyond the motion, or a place that cannot be written to
     """
     path = _ending(path, ".pc2")
-    frames = display_frames(mouth, motion, _times(motion, times_s))
+    frames = display_frames(mouth, motion, frame_times(motion, times_s))
     base, materials = path.with_suffix(".obj"), path.with_suffix(".mtl")
     _write_mtl(materials)
     _write_obj(base, frames[0], display_surface(mouth), materials.name, False)
@@ -153,7 +154,7 @@ def write_gltf(
         raise InputError(f"expected a kind of morph targets of {choices(KINDS)}, got {nearest(kind, KINDS)}")
     if not (isinstance(error_m, int | float) and 1e-7 <= error_m < math.inf):
         raise InputError(f"expected error_m of 1e-7 m or more, got {error_m!r}")
-    times_s = _times(motion, times_s)
+    times_s = frame_times(motion, times_s)
     surface = display_surface(mouth)
     frames = display_frames(mouth, motion, times_s)
     morph = (_modes if kind == "modes" else _shapes)(frames, times_s, error_m)
@@ -195,30 +196,21 @@ def write_paraview(
     InputError : times beyond the motion, or a place that cannot be written to
     """
     path = _ending(path, ".pvd")
-    times_s = _times(motion, times_s)
-    before, _ = between(motion.time_s, times_s)
-    positions = at_times(motion.time_s, motion.positions, times_s)
+    times_s = frame_times(motion, times_s)
+    frames = at_times(motion, times_s)
     shape = (len(times_s), len(mouth.elements))
-    stress = von_mises(mouth, positions, material)
+    stress = von_mises(mouth, frames.positions, material)
     stress[:, mouth.group == SALIVA] = np.nan
     cells = {"group": np.broadcast_to(mouth.group.astype(np.int8), shape), "von_mises": stress}
-    if motion.saliva is not None:
-        record = motion.saliva
+    if frames.saliva is not None:
+        record = frames.saliva
         state = np.full(shape, -1, np.int8)
-        state[:, record.elements] = record.state[before]
+        state[:, record.elements] = record.state
         cells["saliva_state"] = state
         for name in ("stretch", "moisture"):
             cells[name] = np.full(shape, np.nan)
-            cells[name][:, record.elements] = at_times(motion.time_s, getattr(record, name), times_s)
-    velocities = None if motion.velocities is None else at_times(motion.time_s, motion.velocities, times_s)
-    sampled = dataclasses.replace(
-        motion, time_s=times_s, positions=positions, velocities=velocities, energies={}, saliva=None
-    )
-    return export.write_states(path, sampled, mouth.elements, "H8", cells, tick)
-
-
-def _times(motion: Motion, times_s: np.ndarray | None) -> np.ndarray:
-    return np.asarray(motion.time_s if times_s is None else times_s, float)
+            cells[name][:, record.elements] = getattr(record, name)
+    return export.write_states(path, frames, mouth.elements, "H8", cells, tick)
 
 
 def _ending(path: str | Path, ending: str) -> Path:
