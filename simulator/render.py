@@ -100,6 +100,7 @@ def _frames(motion, mouth, camera, look, times_s, frame_rate, mode, scalars, jaw
         tissue = mouth.group != SALIVA
         top = float(np.max(scalars[:, tissue] if scalars.shape[1] == len(tissue) else scalars)) or 1.0
     half = look.sensor.shutter / frame_rate / 2
+    states = None if motion.saliva is None else motion.saliva.of(mouth.saliva).state
 
     def draw(number: int) -> np.ndarray:
         time = times_s[number]
@@ -110,8 +111,8 @@ def _frames(motion, mouth, camera, look, times_s, frame_rate, mode, scalars, jaw
                 _at(motion.time_s, motion.positions, time + half),
             )
         state = None
-        if motion.saliva is not None:
-            state = states_at(motion.time_s, motion.saliva.state, [_within(motion.time_s, time)])[0]
+        if states is not None:
+            state = states_at(motion.time_s, states, [_within(motion.time_s, time)])[0]
         return stage.draw(
             _at(motion.time_s, motion.positions, time),
             state=state,

@@ -1,8 +1,7 @@
 """The surface of a mouth for display and for animators: what is seen of it, with closed lips that look closed.
 
-The film of saliva has a thickness at rest, and would show as a slit between closed lips. On display it belongs to the
-lips: their edges are moved towards each other by half of it. The surface is the outer and the inner surface without
-the saliva, the lips' walls that face each other, and the rim of the sheet; it is closed, each edge has two quads.
+The surface is the outer and the inner surface without the saliva, the lips' walls that face each other, and the rim of
+the sheet; it is closed, each edge has two quads. The lips' edges are where `aperture.shown_positions` has them.
 """
 
 from __future__ import annotations

@@ -131,13 +131,8 @@ def _stress(mouth: Mouth, motion: Motion, times_s: np.ndarray, stress: np.ndarra
 def _saliva(mouth: Mouth, motion: Motion, times_s: np.ndarray) -> dict:
     if motion.saliva is None:
         return {}
-    order = {int(element): column for column, element in enumerate(motion.saliva.elements)}
-    missing = [int(element) for element in mouth.saliva if int(element) not in order]
-    if missing:
-        raise InputError(f"expected a record of every saliva element of the mouth, got none of element {missing[0]}")
-    columns = [order[int(element)] for element in mouth.saliva]
-    states = states_at(motion.time_s, motion.saliva.state, times_s)
-    return {"state": _packed(states[:, columns].astype(np.uint8))}
+    states = states_at(motion.time_s, motion.saliva.of(mouth.saliva).state, times_s)
+    return {"state": _packed(states.astype(np.uint8))}
 
 
 def _truth(table: Mapping[str, np.ndarray]) -> dict:
