@@ -6,7 +6,6 @@ between the saved states, so the frame rate is free of the time step. How to loa
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import math
 import struct
@@ -157,8 +156,7 @@ def write_gltf(
     times_s = frame_times(motion, times_s)
     surface = display_surface(mouth)
     frames = display_frames(mouth, motion, times_s)
-    morph = (_modes if kind == "modes" else _shapes)(frames, times_s, error_m)
-    morph = dataclasses.replace(morph, error_m=_largest(frames - morph.positions()))
+    morph = _modes(frames, error_m) if kind == "modes" else _shapes(frames, times_s, error_m)
     turned = vertex_normals(frames, surface.quads) if normals else None
     with whole_file(path) as part:
         part.write_bytes(_glb(surface, morph, times_s - times_s[0], turned))
@@ -174,7 +172,8 @@ def write_paraview(
     material: Material = TISSUE,
     tick: Callable[[Sequence], Sequence] = lambda frames: frames,
 ) -> list[Path]:
-    """Write the hexahedra for ParaView with what is known of each of them; see `export.write_vtk`.
+    """Write the hexahedra for ParaView with what is known of each of them; see `export.write_vtk`. They are as
+    they were solved: the film of saliva keeps its thickness, and the lips' edges are not where they are drawn.
 
     Cell data: `group` (0 skin, 1 lips, 2 saliva), `von_mises` (Pa; NaN in the saliva) and, where the motion has a
     record of the saliva, `saliva_state` (0 intact, 1 broken, 2 sticking; -1 in the tissue), `stretch` and `moisture`
@@ -253,20 +252,18 @@ def _write_mtl(path: Path) -> None:
 
 @dataclass(frozen=True, eq=False)
 class _Morph:
-    """base (V, 3) and targets (K, V, 3), m, weights (F, K), all float32 as they are stored; names of the targets."""
+    """base (V, 3) and targets (K, V, 3), m, weights (F, K), all float32 as they are stored; names of the targets; the
+    largest distance of a vertex from its place, m.
+    """
 
     base: np.ndarray
     targets: np.ndarray
     weights: np.ndarray
     names: list[str]
-    error_m: float = 0.0
-
-    def positions(self) -> np.ndarray:
-        """(F, V, 3) m."""
-        return self.base + np.einsum("fk,kvx->fvx", self.weights.astype(float), self.targets)
+    error_m: float
 
 
-def _modes(frames: np.ndarray, times_s: np.ndarray, error_m: float) -> _Morph:
+def _modes(frames: np.ndarray, error_m: float) -> _Morph:
     """Principal components of the way from the first frame; each weight reaches 1 or -1."""
     base = frames[0].astype(np.float32)
     way = (frames - base).reshape(len(frames), -1)
@@ -309,11 +306,11 @@ def _shapes(frames: np.ndarray, times_s: np.ndarray, error_m: float) -> _Morph:
 def _stacked(frames, base, targets, weights, names, error_m) -> _Morph:
     targets = np.array(targets, np.float32).reshape(-1, *base.shape)
     weights = np.array(weights, np.float32).reshape(-1, len(frames)).T
-    morph = _Morph(base, targets, weights, names)
-    error = _largest(frames - morph.positions())
+    played = base + np.einsum("fk,kvx->fvx", weights.astype(float), targets)  # what a program makes of the file
+    error = _largest(frames - played)
     if error > error_m:
         raise InputError(f"expected an error_m that single precision can keep, {error:.2g} m or more, got {error_m:g}")
-    return morph
+    return _Morph(base, targets, weights, names, error)
 
 
 def _largest(way: np.ndarray) -> float:
