@@ -201,12 +201,14 @@ class Stage:
             places = np.zeros((2, len(self.rest)))
         self.attributes = np.zeros((len(self.rest), 8), np.float32)
         self.attributes[:, shade.TEX_X], self.attributes[:, shade.TEX_Y] = places
-        self.attributes[:, shade.SHADE] = 1
-        self.attributes[self.inner_edges, shade.SHADE] = 0.45
-        self.attributes[self.inner_edges, shade.WET] = 1
+        self.wet = np.zeros(len(self.rest), np.float32)
+        self.wet[self.inner_edges] = 1
         self._light()
         sensor = look.sensor
-        self.gains = (sensor.exposure * np.asarray(sensor.cast, float)).astype(np.float32)
+        self.gains = (sensor.exposure * np.array([*sensor.cast, 0.0])).astype(np.float32)
+        at = np.arange(-math.ceil(3 * sensor.blur_px), math.ceil(3 * sensor.blur_px) + 1)
+        lens = np.exp(-0.5 * (at / (sensor.blur_px or 1.0)) ** 2)
+        self.lens = (lens / lens.sum()).astype(np.float32)
         inside = look.inside
         self.teeth = teeth_table(False, look.seed), teeth_table(True, look.seed)
         self.rows, self.tongue, self.colours = rows_of(inside), tongue_of(inside), colours_of(inside)
@@ -287,7 +289,8 @@ class Stage:
         ).astype(np.float32)
         self.finish = np.array([skin.sheen, skin.wetness, skin.gloss, skin.seam], np.float32)
         turn = self.camera.rotation
-        self.axes = np.ascontiguousarray(turn.T[:2]).astype(np.float32)
+        self.axes = np.zeros((2, shade.LANES), np.float32)
+        self.axes[:, :3] = turn.T[:2]
         self.inner_light = np.concatenate([self.light[:2] @ turn, self.light[2:4]]).astype(float)
         camera = self.camera
         self.view = np.zeros((3, 6))
@@ -355,16 +358,16 @@ class Stage:
         size = (height, width)
         return {
             "nearest": np.empty(size, np.float32),
-            "owner": np.empty(size, np.int32),
-            "bary": np.zeros((*size, 2), np.float32),
-            "tissue": np.empty((*size, 3), np.float32),
+            "owner": np.empty(size, np.float32),
+            "bary": np.zeros((2, *size), np.float32),
+            "tissue": np.zeros((*size, 4), np.float32),
             "moved": np.zeros((*size, 2), np.float32),
             "far": np.empty(size, np.int32),
             "cover": np.zeros((2, height, width + 2)),
             "hole": np.zeros(size, np.float32),
             "film": np.zeros(size, np.float32),
             "inside": np.zeros((*size, 3), np.float32),
-            "linear": np.empty((*size, 3), np.float32),
+            "linear": np.empty((*size, 4), np.float32),
             "normals": np.empty((len(self.rest), 3)),
             "attributes": self.attributes.copy(),
         }
@@ -475,7 +478,8 @@ class Stage:
         gap = np.linalg.norm(shown[mouth.upper[:, 0]] - shown[mouth.lower[:, 0]], axis=1)
         box = self._cover(canvas, lips, state, self._clear(state, gap))
         attributes = canvas["attributes"]
-        attributes[:, :3] = canvas["normals"]
+        attributes[:, shade.NX : shade.NZ + 1] = canvas["normals"]
+        attributes[:, shade.MOVED_ROW : shade.MOVED_COLUMN + 1] = velocity
         closed = np.exp(-gap / 0.0008)
         for vertices in (self.upper, self.lower, *np.split(self.inner_edges, 2)):
             attributes[vertices, shade.CLOSED] = closed
@@ -486,13 +490,12 @@ class Stage:
             self.triangles,
             self.plain,
             attributes,
-            velocity.astype(np.float32),
+            self.wet,
             self.texture,
             self.axes,
             self.light,
             self.finish,
             self.backdrop,
-            samples > 1,
             tissue,
             moved,
         )
@@ -524,12 +527,10 @@ class Stage:
 
     def _developed(self, linear: np.ndarray, frame: int) -> np.ndarray:
         sensor = self.look.sensor
-        if sensor.blur_px > 0:
-            side = 2 * math.ceil(3 * sensor.blur_px) + 1
-            linear = cv2.GaussianBlur(linear, (side, side), sensor.blur_px, borderType=cv2.BORDER_REPLICATE)
-        picture = np.empty(linear.shape, np.uint8)
+        picture = np.empty((*linear.shape[:2], 3), np.uint8)
         seed = (self.look.seed * 1_000_003 + frame * 7919 + 17) % 2**63
-        shade.develop(linear, self.gains, sensor.noise, sensor.read_noise, sensor.vignette, seed, _CURVE, picture)
+        effects = sensor.noise, sensor.read_noise, sensor.vignette
+        shade.develop(linear, self.lens, self.gains, *map(float, effects), seed, _CURVE, picture)
         if sensor.jpeg is not None:
             _, data = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, sensor.jpeg])
             picture = np.ascontiguousarray(cv2.imdecode(data, cv2.IMREAD_COLOR)[..., ::-1])
@@ -554,21 +555,21 @@ class Stage:
         gap = np.linalg.norm(shown[mouth.upper[:, 0]] - shown[mouth.lower[:, 0]], axis=1)
         box = self._cover(canvas, self._lips(positions)[:, None], state, self._clear(state, gap))
         tissue, owner = canvas["tissue"], canvas["owner"]
-        tissue[:] = self.backdrop[:, None]
-        t = self.triangles[np.maximum(owner, 0)]
-        bary = canvas["bary"].astype(float)
-        weights = np.stack([1 - bary.sum(axis=-1), bary[..., 0], bary[..., 1]], axis=-1)
+        tissue[..., :3] = self.backdrop[:, None]
+        t = self.triangles[np.maximum(owner, 0).astype(int)]
+        u, v = canvas["bary"].astype(float)
+        weights = np.stack([1 - u - v, u, v], axis=-1)
         level = np.clip(255 * (on[t] * weights).sum(axis=-1), 0, 255)
         facing = np.clip((canvas["normals"][t, 2] * weights).sum(axis=-1), 0, 1)
         colour = to_linear(_TURBO)[np.where(owner >= 0, level, 0).astype(int)] * (0.35 + 0.65 * facing)[..., None]
-        tissue[owner >= 0] = colour[owner >= 0]
+        tissue[owner >= 0, :3] = colour[owner >= 0]
         canvas["moved"][:] = 0
         canvas["inside"][:] = to_linear((25, 20, 22))
         if box[1] > box[0]:
             shade.fill_between(owner, canvas["hole"], canvas["film"], box, tissue, canvas["moved"], canvas["far"])
         film = to_linear((200, 215, 235)).astype(np.float32)
         shade.compose(tissue, canvas["inside"], canvas["hole"], canvas["film"], film, box)
-        return tissue
+        return tissue[..., :3]
 
     def _wireframe(self, shown: np.ndarray, state: np.ndarray) -> np.ndarray:
         """The mesh's outer edges on black: skin grey, lips red, intact saliva blue."""
