@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import queue
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
 
@@ -33,6 +33,7 @@ MODES = ("picture", "wireframe", "stress")
 THREADS = 2
 # Rings of skin around the sheet, so that the picture has no rim: how far out they stand and how much they move along.
 _RINGS = ((1.12, 0.9), (1.3, 0.6), (1.6, 0.25), (2.2, 0.0), (4.0, 0.0))
+_GRAIN = 2**16  # random numbers of which the noise is made: half a second-level cache
 _CURVE = to_srgb(np.linspace(0, 1, 16384)).round().astype(np.uint8)
 _TURBO = cv2.applyColorMap(np.arange(256, dtype=np.uint8)[:, None], cv2.COLORMAP_TURBO)[:, 0, ::-1]
 
@@ -209,6 +210,7 @@ class Stage:
         at = np.arange(-math.ceil(3 * sensor.blur_px), math.ceil(3 * sensor.blur_px) + 1)
         lens = np.exp(-0.5 * (at / (sensor.blur_px or 1.0)) ** 2)
         self.lens = (lens / lens.sum()).astype(np.float32)
+        self.grain = np.random.default_rng(4).standard_normal(_GRAIN + 4 * camera.width_px, np.float32)
         inside = look.inside
         self.teeth = teeth_table(False, look.seed), teeth_table(True, look.seed)
         self.rows, self.tongue, self.colours = rows_of(inside), tongue_of(inside), colours_of(inside)
@@ -289,8 +291,7 @@ class Stage:
         ).astype(np.float32)
         self.finish = np.array([skin.sheen, skin.wetness, skin.gloss, skin.seam], np.float32)
         turn = self.camera.rotation
-        self.axes = np.zeros((2, shade.LANES), np.float32)
-        self.axes[:, :3] = turn.T[:2]
+        self.axes = np.ascontiguousarray(turn.T[:2]).astype(np.float32)
         self.inner_light = np.concatenate([self.light[:2] @ turn, self.light[2:4]]).astype(float)
         camera = self.camera
         self.view = np.zeros((3, 6))
@@ -323,7 +324,7 @@ class Stage:
         """
         state = self._state(state)
         canvas = self._canvas()
-        shown = self._shown(positions)
+        shown, *ends = self._shown([positions, *(during or ())])
         if self.mode == "wireframe":
             return self._wireframe(shown, state)
         if self.mode == "stress":
@@ -333,7 +334,7 @@ class Stage:
             linear = self._stressed(canvas, positions, shown, state, values, top)
             picture = to_srgb(linear).round().astype(np.uint8)
         else:
-            linear = self._linear(canvas, positions, shown, state, during, jaw_matrix(jaw))
+            linear = self._linear(canvas, positions, shown, state, during, ends, jaw_matrix(jaw))
             picture = self._developed(linear, frame)
         self._canvases.put(canvas)
         return picture
@@ -408,11 +409,12 @@ class Stage:
         """Lips' edges (2, M, S + 1, 2, 3) as they are seen."""
         return lip_edges(*lips, *self.rest_lips, np.broadcast_to(state, (lips.shape[1], len(state))))
 
-    def _shown(self, positions: np.ndarray) -> np.ndarray:
-        """Positions (N, 3), m, with the lips' edges nearer to each other by the film, which belongs to the lips."""
-        edges = self._edges(self._lips(positions)[:, None], self.broken)
+    def _shown(self, positions: Sequence[np.ndarray]) -> np.ndarray:
+        """(M, N, 3) positions, m, with the lips' edges nearer to each other by the film, which belongs to the lips."""
         shown = np.array(positions, float)
-        shown[self.mouth.upper], shown[self.mouth.lower] = edges.upper[0], edges.lower[0]
+        lips = np.stack([shown[:, nodes] for nodes in (self.mouth.upper, self.mouth.lower)])
+        edges = self._edges(lips, self.broken)
+        shown[:, self.mouth.upper], shown[:, self.mouth.lower] = edges.upper, edges.lower
         return shown
 
     def _cover(self, canvas: dict, lips: np.ndarray, state: np.ndarray, clear: float) -> tuple[int, int, int, int]:
@@ -460,14 +462,14 @@ class Stage:
         drawn_m = float(((gap_m[:-1] + gap_m[1:]) / 2)[held].mean()) if held.any() else 0.0
         return 1 - self.look.skin.film * math.exp(-max(drawn_m - 0.0015, 0.0) / 0.003)
 
-    def _linear(self, canvas, positions, shown, state, during, jaw) -> np.ndarray:
+    def _linear(self, canvas, positions, shown, state, during, ends, jaw) -> np.ndarray:
         mouth, sensor = self.mouth, self.look.sensor
         places = self._raster(canvas, shown)
         velocity, samples = np.zeros_like(places), 1
         lips = self._lips(positions)[:, None]
         if during is not None:
-            velocity = self._project(self.camera.seen(self._vertices(self._shown(during[1]))))
-            velocity -= self._project(self.camera.seen(self._vertices(self._shown(during[0]))))
+            begin, end = (self._project(self.camera.seen(self._vertices(one))) for one in ends)
+            velocity = end - begin
             farthest = float(np.abs(velocity).max())
             if farthest > 0.3:
                 samples = min(int(farthest) + 2, sensor.samples)
@@ -528,9 +530,9 @@ class Stage:
     def _developed(self, linear: np.ndarray, frame: int) -> np.ndarray:
         sensor = self.look.sensor
         picture = np.empty((*linear.shape[:2], 3), np.uint8)
-        seed = (self.look.seed * 1_000_003 + frame * 7919 + 17) % 2**63
-        effects = sensor.noise, sensor.read_noise, sensor.vignette
-        shade.develop(linear, self.lens, self.gains, *map(float, effects), seed, _CURVE, picture)
+        seed = (self.look.seed * 1_000_003 + frame * 7919 + 17) * self.camera.height_px % 2**63
+        effects = map(float, (sensor.noise, sensor.read_noise, sensor.vignette))
+        shade.develop(linear, self.lens, self.gains, *effects, self.grain, seed, _CURVE, picture)
         if sensor.jpeg is not None:
             _, data = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, sensor.jpeg])
             picture = np.ascontiguousarray(cv2.imdecode(data, cv2.IMREAD_COLOR)[..., ::-1])

@@ -29,7 +29,7 @@ def shade_tissue(
     plain : (T,) whether a triangle is skin alone: neither lip nor near their line
     wet : (V,) 1 on the inner edges of the lips, which are wet and lie in shadow, else 0
     texture : (h, w, 8), see RED and on
-    axes : (2, 8) the face's x and y axis in the camera's axes, then zeros
+    axes : (2, 3) the face's x and y axis in the camera's axes
     light : (6, 3) direction, half vector, colour, ambient colour, wrap of red, green and blue, seam's colour
     finish : sheen, wetness, gloss, seam
     backdrop : (H, 3) light of what is behind
@@ -40,10 +40,11 @@ def shade_tissue(
     zero, one = np.float32(0.0), np.float32(1.0)
     high, wide = np.float32(texture.shape[0] - 1.001), np.float32(texture.shape[1] - 1.001)
     below = LANES * texture.shape[1]  # from a texel to the one below it
-    across, up = load(axes, 0), load(axes, LANES)
-    nothing, full = zero * across, zero * across + one
-    # a row of pixels: first all that differs from pixel to pixel is looked up, then many are lit at once
+    nothing = zero * load(attributes, 0)
+    full = nothing + one
+    # a row of pixels in short passes, so that the processor has many pixels in hand at once
     points, skins = np.zeros((2 * width, 4), np.float32), np.zeros((2 * width, 4), np.float32)
+    texels, weights = np.zeros(width, np.int64), np.zeros((width, 2), np.float32)
     wets, lips = np.zeros(width, np.float32), np.zeros(width, np.bool_)
     first_half = np.arange(0, LANES * width, LANES).astype(np.int32)
     second_half, pixels = first_half + np.int32(4), first_half // np.int32(2)
@@ -52,9 +53,7 @@ def shade_tissue(
         for column in range(width):
             wets[column], lips[column] = zero, False
             if owner[row, column] < zero:
-                store(points, LANES * column, full)
-                store(skins, LANES * column, nothing)
-                moved[row, column, 0], moved[row, column, 1] = zero, zero
+                store(points, LANES * column, nothing)
                 behind = True
                 continue
             t = np.uint32(owner[row, column])
@@ -64,26 +63,29 @@ def shade_tissue(
             at_i, at_j, at_k = LANES * np.int64(i), LANES * np.int64(j), LANES * np.int64(k)
             point = w * load(attributes, at_i) + u * load(attributes, at_j) + v * load(attributes, at_k)
             store(points, LANES * column, point)
-            tx, ty = points[2 * column + 1, TEX_X - 4], points[2 * column + 1, TEX_Y - 4]
-            tx, ty = min(max(tx, zero), wide), min(max(ty, zero), high)
-            moved[row, column, 0] = points[2 * column + 1, MOVED_ROW - 4]
-            moved[row, column, 1] = points[2 * column + 1, MOVED_COLUMN - 4]
-            c, r = np.int32(tx), np.int32(ty)
-            fx, fy = tx - np.float32(c), ty - np.float32(r)
-            w11 = fx * fy
-            w01, w10 = fx - w11, fy - w11
-            texel = below * np.int64(r) + LANES * np.int64(c)
-            skin = (one - fx - w10) * load(texture, texel) + w01 * load(texture, texel + LANES)
-            skin = skin + w10 * load(texture, texel + below) + w11 * load(texture, texel + below + LANES)
-            store(skins, LANES * column, skin)
-            slope_x, slope_y = skins[2 * column + 1, SLOPE_X - 4], skins[2 * column + 1, SLOPE_Y - 4]
-            store(points, LANES * column, point - slope_x * across - slope_y * up)
             if not plain[t]:
                 wets[column], lips[column] = w * wet[i] + u * wet[j] + v * wet[k], True
+        for column in range(width):
+            place = points[2 * column + 1]
+            tx, ty = min(max(place[TEX_X - 4], zero), wide), min(max(place[TEX_Y - 4], zero), high)
+            c, r = np.int32(tx), np.int32(ty)
+            texels[column] = below * np.int64(r) + LANES * np.int64(c)
+            weights[column, 0], weights[column, 1] = tx - np.float32(c), ty - np.float32(r)
+            moved[row, column, 0], moved[row, column, 1] = place[MOVED_ROW - 4], place[MOVED_COLUMN - 4]
+        for column in range(width):
+            at, fx, fy = texels[column], weights[column, 0], weights[column, 1]
+            upper, lower = load(texture, at), load(texture, at + below)
+            upper = upper + fx * (load(texture, at + LANES) - upper)
+            lower = lower + fx * (load(texture, at + below + LANES) - lower)
+            store(skins, LANES * column, upper + fy * (lower - upper))
         for column in range(0, width, LANES):
             c = min(column, width - LANES)  # the last ones overlap
             nx, ny, nz, closed = gather(points, first_half, c, 0)
             red, green, blue, oil = gather(skins, first_half, c, 0)
+            slope_x, slope_y, lip, seam = gather(skins, second_half, c, 0)
+            nx = nx - slope_x * axes[0, 0] - slope_y * axes[1, 0]
+            ny = ny - slope_x * axes[0, 1] - slope_y * axes[1, 1]
+            nz = nz - slope_x * axes[0, 2] - slope_y * axes[1, 2]
             norm = one / square_root(nx * nx + ny * ny + nz * nz + np.float32(1e-12))
             nx, ny, nz = nx * norm, ny * norm, nz * norm
             facing = nx * light[0, 0] + ny * light[0, 1] + nz * light[0, 2]
@@ -98,7 +100,6 @@ def shade_tissue(
             body = full
             if lips[c : c + LANES].any():
                 wetness, gloss = finish[1], finish[2]
-                _, _, lip, seam = gather(skins, second_half, c, 0)
                 inner = load(wets, c)
                 lip, dark = maximum(inner, lip), finish[3] * seam * closed
                 body, light_up = one - np.float32(0.55) * inner, one - dark
@@ -358,66 +359,48 @@ def compose(linear, inside, hole, film, film_colour, box):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def develop(linear, lens, gains, noise, read_noise, vignette, seed, curve, picture):
+def develop(linear, lens, gains, noise, read_noise, vignette, grain, seed, curve, picture):
     """8-bit picture (H, W, 3) of linear light (H, W, 4): lens, exposure and cast, vignette, noise, sRGB curve.
 
-    The noise of a number depends on seed and its place alone: it is the sum of the four bytes of a hash, of spread
-    sqrt(noise^2 v + read_noise^2) at light v.
-
-    lens : (2 n + 1,) weights of the pixels of a row or column around each, n < W; what lies beyond the rim is as there
-    gains : (4,) factors; curve : (n,) uint8 over light from 0 to 1
+    lens : (2 n + 1,) weights of the pixels of a row or column around each; beyond the rim it is as there
+    gains : (4,) factors of the colours
+    noise, read_noise : at light v the noise has the spread sqrt(noise^2 v + read_noise^2)
+    grain : (n,) normal random numbers, n > 4 W; a row's noise is the sum of two stretches of it, at places that depend
+        on seed and row alone
+    curve : (m,) uint8 over light from 0 to 1
     """
     height, width = linear.shape[:2]
     numbers, reach = 4 * width, len(lens) // 2
-    # parts from 0 to 255: mean of four 510, variance of four 4 (256^2 - 1) / 12
-    spread = 1 / math.sqrt(4 * (256**2 - 1) / 12)
-    shot, dark = np.float32((noise * spread) ** 2), np.float32((read_noise * spread) ** 2)
-    noisy = shot + dark > 0
-    first, key = np.uint32(_hash(np.uint64(seed))), np.uint32(_hash(np.uint64(seed)) >> np.uint64(32))
     factor, fall = np.empty(numbers, np.float32), np.empty(numbers, np.float32)
     for n in range(numbers):
         x = (n // 4 - (width - 1) / 2) * 2 / max(height, width)
         factor[n], fall[n] = gains[n % 4], gains[n % 4] * vignette / 2 * x * x
-    line, light, grain = np.empty(numbers + 8 * reach, np.float32), np.empty(numbers, np.float32), np.zeros(numbers, np.float32)
+    shot, dark = np.float32(noise**2 / 2), np.float32(read_noise**2 / 2)  # halves: two stretches
+    line, light = np.empty(numbers + 8 * reach, np.float32), np.empty(numbers, np.float32)
     scale = np.float32(len(curve) - 1)
     nothing = np.float32(0.0) * load(factor, 0)
     full = nothing + np.float32(1.0)
     for row in range(height):
-        for number in range(0, numbers, 8):
-            n = min(number, numbers - 8)
+        for number in range(0, numbers, LANES):
+            n = min(number, numbers - LANES)  # the last ones overlap
             seen = nothing
             for k in range(len(lens)):
-                r = min(max(row + k - reach, 0), height - 1)
-                seen = seen + lens[k] * load(linear, r * numbers + n)
+                seen = seen + lens[k] * load(linear, min(max(row + k - reach, 0), height - 1) * numbers + n)
             store(line, 4 * reach + n, seen)
         for n in range(4 * reach):
             line[n], line[4 * reach + numbers + n] = line[4 * reach + n % 4], line[4 * reach + numbers - 4 + n % 4]
-        if noisy:
-            _draw_grain(first, key, row * numbers, grain)
         y = (row - (height - 1) / 2) * 2 / max(height, width)
         middle = np.float32(1 - vignette / 2 * y * y)
-        for number in range(0, numbers, 8):
-            n = min(number, numbers - 8)
+        bits, stretches = _hash(np.uint64(seed) + np.uint64(row)), np.uint64(len(grain) - numbers)
+        one, other = np.int64((bits >> np.uint64(32)) % stretches), np.int64((bits & np.uint64(0xFFFFFFFF)) % stretches)
+        for number in range(0, numbers, LANES):
+            n = min(number, numbers - LANES)
             seen = nothing
             for k in range(len(lens)):
                 seen = seen + lens[k] * load(line, n + 4 * k)
             seen = maximum(seen * (middle * load(factor, n) - load(fall, n)), nothing)
-            seen = seen + load(grain, n) * square_root(shot * seen + dark)
-            seen = minimum(maximum(seen, nothing), full)
-            store(light, n, scale * seen + np.float32(0.5))
+            seen = seen + (load(grain, one + n) + load(grain, other + n)) * square_root(shot * seen + dark)
+            store(light, n, scale * minimum(maximum(seen, nothing), full) + np.float32(0.5))
         for column in range(width):
             for a in range(3):
                 picture[row, column, a] = curve[np.int32(light[4 * column + a])]
-
-
-@njit(nogil=True, error_model="numpy")
-def _draw_grain(first, key, start, grain):
-    """Numbers of mean 0 and the spread of the sum of four bytes; the hash is MurmurHash3's finaliser (Appleby)."""
-    for n in range(len(grain)):
-        bits = np.uint32(first + np.uint32(start + n))
-        bits = np.uint32((bits ^ (bits >> np.uint32(16))) * np.uint32(0x85EBCA6B)) ^ key
-        bits = np.uint32((bits ^ (bits >> np.uint32(13))) * np.uint32(0xC2B2AE35))
-        bits = bits ^ (bits >> np.uint32(16))
-        bytes_ = np.int32(bits & np.uint32(255)) + np.int32((bits >> np.uint32(8)) & np.uint32(255))
-        bytes_ += np.int32((bits >> np.uint32(16)) & np.uint32(255)) + np.int32(bits >> np.uint32(24))
-        grain[n] = np.float32(np.int32(bytes_) - np.int32(510))
