@@ -75,15 +75,17 @@ def draw_triangles(
         begin, end = max(math.ceil(left), 0), min(math.floor(right), width - 1)
         z0, z1, z2 = depth[i], depth[j] - depth[i], depth[k] - depth[i]
         over = 1.0 / area
-        # weights of the second and the third corner change along a row by
-        along_u, along_v = -y2 * over * steps, y1 * over * steps
         me = splat(steps, t)
-        for row in range(first, last + 1):
-            y = row - y0
-            for column in range(begin, end + 1, len(numbers)):
-                place = min(column, width - len(numbers))
-                x = place - x0
-                u, v = (x2 * y - y2 * x) * over + along_u, (y1 * x - x1 * y) * over + along_v
+        for column in range(begin, end + 1, len(numbers)):
+            place = min(column, width - len(numbers))
+            # weights of the second and the third corner in the first row, and how they change downwards
+            x, y = place - x0, first - y0
+            first_u = (x2 * y - y2 * x) * over - y2 * over * steps
+            first_v = (y1 * x - x1 * y) * over + y1 * over * steps
+            down_u, down_v = np.float32(x2 * over), np.float32(x1 * over)
+            for row in range(first, last + 1):
+                down = np.float32(row - first)
+                u, v = first_u + down * down_u, first_v - down * down_v
                 z = z0 + z1 * u + z2 * v
                 at = row * width + place
                 # all is read before any is written: the processor waits where a place is alike but for its page

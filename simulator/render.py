@@ -605,9 +605,10 @@ def _head(flat: np.ndarray, rim: np.ndarray) -> np.ndarray:
 
 def _rim(quads: np.ndarray) -> np.ndarray:
     """Nodes around a sheet of quads (Q, 4), in order, counter-clockwise as its faces are."""
-    edges = np.stack([quads, np.roll(quads, -1, axis=1)], axis=-1).reshape(-1, 2)
-    known = {(int(a), int(b)) for a, b in edges}
-    following = {a: b for a, b in known if (b, a) not in known}
+    a, b = np.stack([quads, np.roll(quads, -1, axis=1)]).reshape(2, -1).astype(np.int64)
+    many = quads.max() + 1
+    alone = ~np.isin(a * many + b, b * many + a)  # edges that no other quad runs along the other way
+    following = dict(zip(a[alone].tolist(), b[alone].tolist(), strict=True))
     if not following:
         raise InputError("expected a sheet with a rim, got a closed surface")
     loops = []

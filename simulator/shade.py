@@ -20,9 +20,7 @@ LANES = 8  # numbers of a texel, of a vertex, and pixels that are lit at once
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def shade_tissue(
-    owner, bary, triangles, plain, attributes, wet, texture, axes, light, finish, backdrop, tissue, moved
-):
+def shade_tissue(owner, bary, triangles, plain, attributes, wet, texture, axes, light, finish, backdrop, tissue, moved):
     """Colour every pixel that a triangle owns.
 
     owner (H, W), bary (2, H, W) from `draw_triangles`; triangles (T, 3); attributes (V, 8), see NX and on
