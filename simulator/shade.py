@@ -95,8 +95,10 @@ def shade_tissue(owner, bary, triangles, plain, attributes, wet, texture, axes, 
             shine = np.float32(0.16) * finish[0] * (np.float32(0.25) * s8 + s8 * s8) * oil
             away = one - minimum(maximum(nz, nothing), full)
             rim = np.float32(0.10) * away * away * away
-            body = full
-            if lips[c : c + LANES].any():
+            body, lip_here = full, False
+            for n in range(c, c + LANES):
+                lip_here |= lips[n]
+            if lip_here:
                 wetness, gloss = finish[1], finish[2]
                 inner = load(wets, c)
                 lip, dark = maximum(inner, lip), finish[3] * seam * closed
@@ -316,11 +318,12 @@ def smear(tissue, moved, samples, out):
     lowest, rightmost = np.float32(height - 1.01), np.float32(width - 1.01)
     sums = np.empty((4, 4), np.float32)
     for row in range(height):
-        out[row] = tissue[row]
         for column in range(width):
             dy, dx = moved[row, column, 0], moved[row, column, 1]
             length = max(abs(dy), abs(dx))
             if length <= np.float32(0.3):
+                for a in range(4):
+                    out[row, column, a] = tissue[row, column, a]
                 continue
             count = min(int(length) + 2, samples)
             each = np.float32(1.0) / np.float32(count)
