@@ -102,7 +102,7 @@ def test_larger_chosen_and_written_lanes_match_numpy(real):
     lanes = simd.LANES[np.dtype(real)]
     rng = np.random.default_rng(3)
     values = rng.standard_normal(2 * lanes).astype(real)
-    values[[0, lanes]] = 0.0  # not above 0, and no larger than each other
+    values[[0, lanes, lanes + 1]] = 0.0  # not above 0, and two no larger than each other
     starts = (4 * rng.permutation(12)[:lanes]).astype(np.int32)
     records, out = np.full((12, 4), 7, real), np.empty(lanes, real)
     picked(records, starts, values, out)
