@@ -26,8 +26,8 @@ _CONTRACT = ("contract",)  # a * b + c may become one fused instruction; NaN and
 
 
 def load(array: np.ndarray, start: int):
-    """Vector of consecutive values of a flat array."""
-    return array[start : start + LANES[array.dtype]].copy()
+    """Vector of consecutive values of an array, seen flat."""
+    return array.reshape(-1)[start : start + LANES[array.dtype]].copy()
 
 
 def lanes(array: np.ndarray) -> int:
@@ -57,8 +57,8 @@ def spread(like: np.ndarray, array: np.ndarray, values: np.ndarray, record: int)
 
 
 def store(array: np.ndarray, start: int, value) -> None:
-    """Write a vector to consecutive places of a flat array, rounded to the type of the array."""
-    array[start : start + len(value)] = value
+    """Write a vector to consecutive places of an array, seen flat, rounded to the type of the array."""
+    array.reshape(-1)[start : start + len(value)] = value
 
 
 def zero(array: np.ndarray):
