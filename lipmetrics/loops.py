@@ -34,7 +34,11 @@ def stretches(loop: np.ndarray, gap: float = 0.0) -> np.ndarray:
     loop = np.ascontiguousarray(loop, np.float64)
     reach = np.ptp(loop[:, 0])
     # rounding must not keep an opening together where the lips touch
-    return _stretches(loop, max(float(gap), _TOUCHING * reach), 1e-12 * max(reach, np.abs(loop[:, 0]).max()))
+    tiny = 1e-12 * max(reach, np.abs(loop[:, 0]).max())
+    found = _stretches(loop, np.sort(loop[:, 0]), max(float(gap), _TOUCHING * reach), tiny)
+    found = found[found[:, AREA] > 0]
+    found[:, [X, Y]] /= found[:, [AREA]]
+    return found
 
 
 def as_one(found: np.ndarray) -> np.ndarray:
@@ -89,8 +93,8 @@ def tables(
     return channels, table.astype({**numbers, "event": str, "parents": str})
 
 
-@numba.njit(cache=True, nogil=True)
-def _stretches(loop, gap, tiny):
+@numba.njit(cache=True, nogil=True, error_model="numpy")  # plain loops: quick to compile
+def _stretches(loop, places, gap, tiny):
     """Walk over the columns from left to right, between neighbouring `cuts`: there no line begins, ends or crosses."""
     count = len(loop)
     line = np.empty((count, 4))  # x, y of the left end, slope, x of the right end
@@ -105,7 +109,6 @@ def _stretches(loop, gap, tiny):
             xa, ya, xb, yb = xb, yb, xa, ya
         line[lines, 0], line[lines, 1], line[lines, 2], line[lines, 3] = xa, ya, (yb - ya) / (xb - xa), xb
         lines += 1
-    places = np.sort(loop[:, 0])
     order, cuts = np.empty(count, np.int64), np.empty(count * count // 2 + 2)
     y0, y1 = np.empty(count), np.empty(count)
     found = np.zeros((4 * count, 8))  # a tangle with more openings than this is no loop of lips
@@ -143,9 +146,10 @@ def _stretches(loop, gap, tiny):
             for i in range(m):  # from the top down, by the middle
                 k, j = order[i], i
                 middle = line[k, 1] + line[k, 2] * ((x0 + x1) / 2 - line[k, 0])
-                while j > 0 and line[order[j - 1], 1] + line[order[j - 1], 2] * (
-                    (x0 + x1) / 2 - line[order[j - 1], 0]
-                ) > middle:
+                while (
+                    j > 0
+                    and line[order[j - 1], 1] + line[order[j - 1], 2] * ((x0 + x1) / 2 - line[order[j - 1], 0]) > middle
+                ):
                     order[j] = order[j - 1]
                     j -= 1
                 order[j] = k
@@ -188,11 +192,4 @@ def _stretches(loop, gap, tiny):
                 openings += 1
     if inside:
         openings += 1
-    kept = 0
-    for k in range(openings):
-        if found[k, 5] > 0:
-            found[kept] = found[k]
-            found[kept, 6] /= found[k, 5]
-            found[kept, 7] /= found[k, 5]
-            kept += 1
-    return found[:kept].copy()
+    return found[:openings]
