@@ -25,6 +25,7 @@ _TIMES = {
     **dict.fromkeys(("time_s", "timestamp", "timestamp_s", "time", "seconds", "t", "t_s"), 1.0),
     **dict.fromkeys(("timestamp_ms", "time_ms", "t_ms"), 1e-3),
 }
+_MOST_LOST = 100_000  # frames in one gap
 _POINT = ("landmark", "landmark_id", "landmark_index", "landmark_idx", "point", "point_id", "index", "idx", "id")
 _AXIS_FIRST = re.compile(r"(?:(?:landmark|lm|point)_?)?([xy])_?(\d+)")
 _NUMBER_FIRST = re.compile(r"(?:(?:landmark|lm|point)_?)?(\d+)_?([xy])")
@@ -103,6 +104,8 @@ def read_landmarks(
         raise InputError(f"expected a frame with all points of the inner lips in {path}, found none")
     points = _in_px(points, known, picture_size, path)
     time_s = _times(table, fps, source, path)
+    time_s, points = _with_missing_frames(table, time_s, points)
+    known = np.isfinite(points).all(axis=(1, 2))
     inner = points[:, : len(layout.inner)]
     right = len(layout.inner) // 2
     found = [as_one(stretches(one)) if ok else None for one, ok in zip(inner, known, strict=True)]
@@ -126,7 +129,12 @@ def read_landmarks(
     x0, y0 = np.median(corners[at_rest].mean(axis=1), axis=0)
     found = [one if one is None else one - [x0, x0, y0, y0, 0, 0, x0, y0] for one in found]
     channels, openings = tables(time_s, found, unit)
-    facts = {"closed_below_mw": closed_below_mw, "points": list(layout.inner), "rows": len(table)}
+    facts = {
+        "closed_below_mw": closed_below_mw,
+        "points": list(layout.inner),
+        "rows": len(table),
+        "frames": len(time_s),
+    }
     return MeasuredLandmarks(time_s, channels, openings, source, float(mouth_width), how, facts)
 
 
@@ -259,6 +267,26 @@ def _times(table: pd.DataFrame, fps: float | None, source: str, path: Path) -> n
         raise InputError(f"expected a frame rate above 0 per second, got {fps}")
     frame = _numbers(table["frame"], path) if "frame" in table.columns else np.arange(len(table), dtype=float)
     return (frame - (source == "openface")) / fps  # OpenFace counts from 1
+
+
+def _with_missing_frames(table: pd.DataFrame, time_s: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rows that are unknown for the frames that a program left out because it found no face."""
+    if "frame" not in table.columns or len(table) < 3:
+        return time_s, points
+    frame = pd.to_numeric(table["frame"], errors="coerce").to_numpy(float)
+    steps = np.diff(frame)
+    step = np.median(steps)
+    if not (np.isfinite(frame).all() and (steps > 0).all() and (np.diff(time_s) > 0).all()):
+        return time_s, points  # a take says what is wrong with such times
+    lost = [
+        np.arange(frame[k] + step, frame[k + 1] - step / 2, step)[:_MOST_LOST] for k in np.flatnonzero(steps > step)
+    ]
+    if not lost:
+        return time_s, points
+    every = np.concatenate([frame, *lost])
+    order = np.argsort(every, kind="stable")
+    filled = np.concatenate([points, np.full((len(every) - len(frame), *points.shape[1:]), math.nan)])
+    return np.interp(every[order], frame, time_s), filled[order]
 
 
 def _at_rest(height: np.ndarray, left: np.ndarray, right: np.ndarray, closed_below: float) -> tuple[float, str]:
