@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from lipmetrics.endings import VIDEO_ENDINGS
+from lipmetrics.endings import PICTURE_ENDINGS, VIDEO_ENDINGS
 from lipmetrics.errors import InputError
 from lipmetrics.profile import FRAMES, META, OPENINGS, Profile, load_profile
 
@@ -305,8 +305,8 @@ def read_takes(paths: str | Path | Sequence[str | Path], **settings) -> list[Tak
 def take_paths(path: str | Path) -> list[Path]:
     """The takes that a path names: those of a folder in order of name, everything else as it stands.
 
-    A folder's profiles count first; where there are none, its videos, tables and arrays; where there are none of
-    these either, its folders that are takes themselves.
+    The first of these that a folder has counts: profiles; OBJ files, which are one take; videos; tables; arrays;
+    pictures, which are one take; the folders in it.
     """
     path = Path(path)
     if not path.is_dir():
@@ -315,11 +315,15 @@ def take_paths(path: str | Path) -> list[Path]:
         return tables
     if any(path.glob("[!.]*.obj")):
         return [path]
-    files = sorted(file for file in path.iterdir() if file.is_file() and not file.name.startswith("."))
-    if found := [file for file in files if file.suffix.lower() in {*VIDEO_ENDINGS, ".csv", ".npy"}]:
-        return found
-    folders = sorted(folder for folder in path.iterdir() if folder.is_dir() and not folder.name.startswith("."))
-    return [one for folder in folders for one in take_paths(folder)] if folders and not files else [path]
+    inside = sorted(one for one in path.iterdir() if not one.name.startswith("."))
+    files = [one for one in inside if one.is_file()]
+    for endings in (VIDEO_ENDINGS, {".csv"}, {".npy"}):
+        if found := [file for file in files if file.suffix.lower() in endings]:
+            return found
+    folders = [one for one in inside if one.is_dir()]
+    if not folders or any(file.suffix.lower() in PICTURE_ENDINGS for file in files):
+        return [path]
+    return [one for folder in folders for one in take_paths(folder)]
 
 
 def _kind(path: Path) -> str:
