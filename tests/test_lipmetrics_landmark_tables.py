@@ -143,8 +143,12 @@ def test_low_openings_and_lips_that_cross_are_closed(tmp_path):
     path = save(tmp_path / "a.csv", wide(faces, frame=np.arange(4)))
     found = read_landmarks(path, fps=25, mouth_width=100.0)
     assert found.channels["n_openings"].tolist() == [0, 1, 1, 0]
+    faces[2, 62, 1], faces[2, 66, 1] = 205, 195  # lips that cross in the middle and are open on both sides
+    crossed = read_landmarks(save(path, wide(faces, frame=np.arange(4))), fps=25, mouth_width=100.0)
+    assert crossed.channels["n_openings"][2] == 1 and crossed.channels["width"][2] == pytest.approx(80, abs=1e-5)
     assert found.channels["area"][[0, 3]].tolist() == [0, 0]
-    assert read_landmarks(path, fps=25, mouth_width=100.0, closed_below_mw=0.0).channels["n_openings"].min() == 1
+    exact = read_landmarks(path, fps=25, mouth_width=100.0, closed_below_mw=0.0).channels["n_openings"]
+    assert exact.tolist() == [1, 1, 1, 1]
 
 
 def test_frames_that_the_table_leaves_out_are_unknown(tmp_path):

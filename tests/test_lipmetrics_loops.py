@@ -50,6 +50,18 @@ def test_one_opening_is_what_the_outline_of_it_measures():
     assert [right - left, height, area, y0, x0] == pytest.approx(outline[4:])
 
 
+def test_an_opening_that_is_highest_at_its_upright_end():
+    (found,) = stretches(np.array([(0.0, 0), (2, -1), (2, 1)]))
+    assert found == pytest.approx([0, 2, -1, 1, 2, 2, 4 / 3, 0], abs=1e-7)
+
+
+def test_rounding_does_not_join_openings_where_the_lips_touch():
+    x = np.linspace(0, 10, 41)
+    curve = np.abs(np.sin(np.pi * x / 5))  # 1e-16 at x = 5
+    assert 0 < curve[20] < 1e-12
+    assert len(stretches(loop_of(x, curve, -curve))) == 2
+
+
 def test_two_openings_where_the_lips_touch_between_them():
     found = stretches(loop_of([0, 1, 2, 3, 4], [0, 1, 0, 2, 0], [0, 0, 0, 0, 0]))
     assert found[:, :2] == pytest.approx(np.array([[0, 2], [2, 4]]), abs=1e-7)

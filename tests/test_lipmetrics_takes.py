@@ -143,13 +143,13 @@ def test_a_profile_in_mouth_widths_and_in_px(tmp_path):
 
 def test_openings_of_a_profile_have_x_to_the_right_and_y_down(tmp_path):
     made = profile(STATUSES)
-    made.meta["corners_px"] = [[60.0, 10.0], [60.0, 90.0]]
+    made.meta["corners_px"] = [[60.0, 10.0], [54.0, 102.0]]  # their middle is 6 px to the right and 3 px above
     made.save(tmp_path, "clip")
     found = read_take(tmp_path)
     assert list(found.openings.columns) == list(OPENING_COLUMNS)
     first = found.openings.iloc[0]
-    assert (first.left, first.right, first.x) == pytest.approx((-20 / 60, 20 / 60, 0))
-    assert first.top < 0 < first.bottom and first.y == pytest.approx(0)
+    assert (first.left, first.right, first.x) == pytest.approx((-26 / 60, 14 / 60, -6 / 60))
+    assert first.top < 0 < first.bottom and first.y == pytest.approx(3 / 60)
     assert first.width == pytest.approx(40 / 60) and first.time_s == 0.04
     del made.meta["corners_px"]
     guessed = take_of_profile(made, "a").meta
