@@ -5,7 +5,7 @@ import importlib
 _HOME = {
     "InputError": "errors",
     "Profile": "profile",
-    "Take": "takes",
+    "Take": "take",
     "find_openings": "still",
     "load_profile": "profile",
     "measure": "pipeline",

@@ -13,7 +13,8 @@ from lipmetrics.errors import InputError
 from lipmetrics.look import CLOSED, NO_MOUTH, OPEN
 from lipmetrics.meshes import MeshSettings
 from lipmetrics.profile import FORMAT
-from lipmetrics.takes import OPENING_COLUMNS, Take, read_take, read_takes, same_unit, take_of_profile, take_paths
+from lipmetrics.take import OPENING_COLUMNS, Take, same_unit
+from lipmetrics.takes import read_take, read_takes, take_of_profile, take_paths
 from simulator.animation import write_obj_sequence
 from simulator.camera import Camera
 from simulator.surface import display_surface
@@ -184,6 +185,19 @@ def test_a_table_of_sizes_alone(tmp_path):
         read_take(path, unit="px")
 
 
+def test_a_profile_that_is_cut_short_is_refused(tmp_path):
+    profile(STATUSES).save(tmp_path, "clip")
+    whole = (tmp_path / "clip.frames.csv").read_text()
+    header = whole.index("\n") + 1
+    for length in (0, 40, header, header + 1, header + 6, header + 12):
+        (tmp_path / "clip.frames.csv").write_text(whole[:length])
+        with pytest.raises(InputError):
+            read_take(tmp_path)
+    (tmp_path / "clip.frames.csv").write_text(whole[: whole.rindex("3,0.12") + 15])
+    with pytest.raises(InputError, match="as many rows of openings"):
+        read_take(tmp_path)
+
+
 def test_a_table_of_frames_without_its_companions_is_told(tmp_path):
     profile(STATUSES).save(tmp_path, "clip")
     (tmp_path / "clip.json").unlink()
@@ -212,7 +226,7 @@ def test_a_simulated_clip_is_read_from_its_truth(clip):
     frames = pd.read_csv(clip / "clip" / "moved.frames.csv")
     assert (found.name, found.source, found.unit) == ("moved", "truth", "mw")
     assert np.allclose(found.channels["width"], frames["width_mw"], rtol=1e-6)
-    metres = read_take(clip / "clip", unit="m")
+    metres = read_take(clip / "clip" / "moved.metres.frames.csv", unit="m")
     table = pd.read_csv(clip / "clip" / "moved.metres.frames.csv")
     assert np.array_equal(metres.channels["area"], table["area_m2"])
     assert metres.channels["width"][-1] == pytest.approx(0.05, rel=1e-3)
@@ -317,6 +331,7 @@ def test_landmarks(tmp_path):
     assert found.channels["width"] == pytest.approx([0.8] * 3)
     assert found.channels["area"] == pytest.approx([0.12] * 3)
     assert found.openings["left"].tolist() == pytest.approx([-0.4] * 3)
+    assert found.openings["area"].tolist() == pytest.approx([0.12] * 3)
     alone = landmark_table(tmp_path / "b.csv", outer=False)
     with pytest.raises(InputError, match="inner lips alone"):
         read_take(alone, fps=25)
