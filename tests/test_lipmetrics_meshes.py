@@ -72,6 +72,8 @@ def test_the_lips_may_have_different_numbers_of_vertices():
     for order in (np.arange(12), np.arange(12)[::-1], np.roll(np.arange(12), 4)[::-1]):
         found = measured(points[:, order], LipLoop(tuple(range(12))))
         assert found.channels["area"] == pytest.approx([0, 0.5 * 3.5 + 0.5 * 3])  # the ends slope over 0.5 and over 1
+        assert found.mouth_width == pytest.approx(4)
+        assert found.openings["left"].tolist() == pytest.approx([-2], abs=1e-6)
 
 
 def test_another_axis_may_point_up():
