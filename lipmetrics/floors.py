@@ -37,7 +37,7 @@ def against_groups(means: np.ndarray, counts: np.ndarray) -> np.ndarray:
 
 
 def leave_group_out(distances: np.ndarray, groups: np.ndarray, groups_n: int) -> np.ndarray:
-    """Means as `group_means` of real takes (n, n) among themselves, a take's own group left out (NaN): (n, groups_n)."""
+    """`group_means` of real takes (n, n) among themselves, a take's own group left out (NaN): (n, groups_n)."""
     means = group_means(distances, groups, groups_n)
     means[np.arange(len(means)), groups] = np.nan
     return means
