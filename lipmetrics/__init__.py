@@ -5,10 +5,13 @@ import importlib
 _HOME = {
     "InputError": "errors",
     "Profile": "profile",
+    "Take": "takes",
     "find_openings": "still",
     "load_profile": "profile",
     "measure": "pipeline",
     "opening_mask": "still",
+    "read_take": "takes",
+    "read_takes": "takes",
 }
 __all__ = sorted(_HOME)
 
