@@ -8,13 +8,25 @@ from __future__ import annotations
 import difflib
 
 from lipmetrics.errors import InputError
-from lipmetrics.metrics import landmarks, vertices
+from lipmetrics.metrics import landmarks, movement, sticky, vertices
 from lipmetrics.metrics.registry import HIGHER, LOWER, NEEDS, NONE, Metric
 
-FAMILIES = (vertices, landmarks)
+FAMILIES = (vertices, landmarks, movement, sticky)
 METRICS: dict[str, Metric] = {row.name: row for family in FAMILIES for row in family.ROWS}
 
-__all__ = ["HIGHER", "LOWER", "METRICS", "NEEDS", "NONE", "Metric", "landmarks", "metric", "vertices"]
+__all__ = [
+    "HIGHER",
+    "LOWER",
+    "METRICS",
+    "NEEDS",
+    "NONE",
+    "Metric",
+    "landmarks",
+    "metric",
+    "movement",
+    "sticky",
+    "vertices",
+]
 
 
 def metric(name: str) -> Metric:
