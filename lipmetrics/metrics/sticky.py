@@ -1,12 +1,13 @@
-"""How a mouth peels open: several openings at once, merges and splits, the zip speed of each corner, left against right.
+"""How a mouth peels open: several openings at once, merges and splits, zip speed of each corner, left against right.
 
 Lips that stick do not part at once. They open where the glue is weakest, sometimes in several places, and the ends of
 the opened part then travel outwards like two zips. All measures are of a take's openings, one row per opening per
 frame: x to the right as one looks at the face, 0 in the middle of the mouth. Left and right are those of the picture.
 
-The opened part of a frame reaches from the leftmost end of its openings to the rightmost. Zips, delays and onsets are of
-the take's main opening: the stretch of open frames with the greatest height. They are NaN where it is open in the take's
-first known frame, because its beginning was not seen. Lengths are in the unit of the take; the rows say `mw`.
+The opened part of a frame reaches from the leftmost end of its openings to the rightmost. The main opening of a take is
+the stretch of open frames with the greatest height; its stroke goes on until the height has fallen below 0.9 of that.
+Zips, delays and onsets are of this stroke. They are NaN where it is open in the take's first known frame, because its
+beginning was not seen. Lengths are in the unit of the take; the rows say `mw`.
 """
 
 from __future__ import annotations
@@ -35,6 +36,7 @@ class Settings:
     least_way : an end that travels less than this share of the greatest width of the opened part does not zip
     corner_share : where the corner is taken to be, as a share of the outermost place that is opened on that side
     side_share : places left and right whose onsets are compared, as a share of the further one of the two
+    fall_share : the stroke ends when the height has fallen below this share of its greatest value
     """
 
     zip_from: float = 0.2
@@ -42,11 +44,12 @@ class Settings:
     least_way: float = 0.1
     corner_share: float = 0.8
     side_share: float = 0.5
+    fall_share: float = 0.9
 
     def __post_init__(self) -> None:
         if not 0 <= self.zip_from < self.zip_to <= 1:
             raise InputError(f"expected shares 0 <= zip_from < zip_to <= 1, got {self.zip_from} and {self.zip_to}")
-        for name in ("least_way", "corner_share", "side_share"):
+        for name in ("least_way", "corner_share", "side_share", "fall_share"):
             if not 0 < getattr(self, name) <= 1:
                 raise InputError(f"expected {name} above 0 and up to 1, got {getattr(self, name)}")
 
@@ -55,16 +58,16 @@ class Settings:
 class Opened:
     """The openings of a take, frame by frame.
 
-    time_s : (T,) of all frames
+    take : where they are from
     known : (T,) bool
     count : (T,) number of openings, 0 closed or unknown
     left, right : (T,) ends of the opened part, NaN where nothing is open
     table : the rows of the openings with their `row` of the take, in order of time
-    main : first and last frame of the main opening (K,) indices of its open frames; empty where the mouth never opens
+    main : (K,) indices of the open frames of the main opening; empty where the mouth never opens
     from_closed : whether a known closed frame comes before it
     """
 
-    time_s: np.ndarray
+    take: Take
     known: np.ndarray
     count: np.ndarray
     left: np.ndarray
@@ -73,18 +76,31 @@ class Opened:
     main: np.ndarray
     from_closed: bool
 
+    @property
+    def time_s(self) -> np.ndarray:
+        return self.take.time_s
 
-def validate(take: Take) -> Opened:
-    """Bring a take's openings into frames.
+    def stroke(self, fall_share: float) -> np.ndarray:
+        """Those of `main` until the height has fallen below this share of its greatest value."""
+        height = self.take.channels["height"][self.main]
+        top = int(np.nanargmax(height))
+        fallen = np.flatnonzero(height[top:] < fall_share * height[top])
+        return self.main[: top + fallen[0]] if len(fallen) else self.main
+
+
+def validate(take: Take | Opened) -> Opened:
+    """Bring a take's openings into frames. What this gave may be handed to every measure in place of the take.
 
     Raises
     ------
     InputError : no take, no openings known, columns missing, or openings at times that are no frames of the take
     """
-    _, _ = movement.validate(take)
+    if isinstance(take, Opened):
+        return take
+    movement.validate(take)
     if take.openings is None:
         raise InputError(
-            f"{take.name}: expected a take that knows its openings one by one, but its source, {take.source}, does not; "
+            f"{take.name}: expected a take that knows its openings one by one, its source {take.source} does not; "
             "measure the video itself, or a mesh by its inner lip loop"
         )
     missing = [column for column in _NEEDED if column not in take.openings]
@@ -104,10 +120,10 @@ def validate(take: Take) -> Opened:
     known = np.isfinite(take.channels["height"]) | (count > 0)
     main = _main(count > 0, known, take.channels["height"])
     before = known[: main[0]] if len(main) else known[:0]
-    return Opened(time_s, known, count, left, right, table.assign(row=row), main, bool(before.any()))
+    return Opened(take, known, count, left, right, table.assign(row=row), main, bool(before.any()))
 
 
-def events(take: Take) -> pd.DataFrame:
+def events(take: Take | Opened) -> pd.DataFrame:
     """Merges and splits of a take in order of time.
 
     Returns
@@ -127,13 +143,13 @@ def events(take: Take) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=list(EVENT_COLUMNS))
 
 
-def openings_over_time(take: Take) -> np.ndarray:
+def openings_over_time(take: Take | Opened) -> np.ndarray:
     """(T,) float64 number of openings in each frame, NaN unknown."""
     opened = validate(take)
     return np.where(opened.known, opened.count, np.nan)
 
 
-def several_share_v1(take: Take) -> float:
+def several_share_v1(take: Take | Opened) -> float:
     """Share of the open time with more than one opening, 1; 0 where the mouth never opens.
 
     time with n > 1 / time with n > 0; a frame lasts from half way to half way to its neighbours.
@@ -144,23 +160,23 @@ def several_share_v1(take: Take) -> float:
     return float(lasts[opened.count > 1].sum() / open_s) if open_s else 0.0
 
 
-def most_openings_v1(take: Take) -> float:
+def most_openings_v1(take: Take | Opened) -> float:
     """The most openings in one frame, 1: max_t n(t)."""
     return float(validate(take).count.max())
 
 
-def merges_v1(take: Take) -> float:
+def merges_v1(take: Take | Opened) -> float:
     """Number of times that an opening was taken up by another, 1; three that become one are two merges."""
     table = validate(take).table
     return float(sum(len(parents.split("+")) - 1 for parents in table.loc[table["event"] == "merge", "parents"]))
 
 
-def splits_v1(take: Take) -> float:
+def splits_v1(take: Take | Opened) -> float:
     """Number of times that a part of an opening came off, 1."""
     return float((validate(take).table["event"] == "split").sum())
 
 
-def merge_time_v1(take: Take) -> float:
+def merge_time_v1(take: Take | Opened) -> float:
     """From the onset of the main opening to its last merge, s: when the lips no longer stick between openings.
 
     NaN where nothing merges in it.
@@ -171,7 +187,7 @@ def merge_time_v1(take: Take) -> float:
     return float(opened.time_s[rows.max()] - opened.time_s[opened.main[0]]) if len(rows) else math.nan
 
 
-def merge_jump_v1(take: Take) -> float:
+def merge_jump_v1(take: Take | Opened) -> float:
     """Greatest jump of the width at a merge, mw: max over merges of (merged width - width of the widest parent).
 
     0 where nothing merges. The jump of thesis figure 5.42; `events` lists them all.
@@ -181,29 +197,30 @@ def merge_jump_v1(take: Take) -> float:
     return float(jumps.max()) if jumps.notna().any() else 0.0
 
 
-def zip_speed_left_v1(take: Take, settings: Settings = Settings()) -> float:
+def zip_speed_left_v1(take: Take | Opened, settings: Settings = Settings()) -> float:
     """How fast the left end of the opened part travels outwards, mw/s.
 
-    The end's way goes from its first place in the main opening to its outermost one, over a running median of three
-    frames. The speed is the Theil-Sen slope (median of the slopes of all pairs of points) from where 20 % of the way is
-    first reached, between frames, to where 80 % is. Negative speeds do not occur in the whole, but single steps back do.
+    The end's way goes from its first place in the stroke to its outermost one, over a running median of three frames. The
+    speed is the Theil-Sen slope (median of the slopes of all pairs of points) from where 20 % of the way is first
+    reached, between frames, to where 80 % is.
 
     Returns
     -------
-    float; NaN where both shares are passed in one step between frames (it jumps open), where the way is shorter than a
-    tenth of the greatest width of the opened part, and where the beginning was not seen
+    float above 0; NaN where both shares are passed in one step between frames (it jumps open), where the way is shorter
+    than a tenth of the greatest width of the opened part (it does not travel, or did before it was seen), where the end
+    goes back as much as forth, and where the beginning was not seen
 
     Source: this package.
     """
     return _zip(validate(take), -1, settings)[0]
 
 
-def zip_speed_right_v1(take: Take, settings: Settings = Settings()) -> float:
+def zip_speed_right_v1(take: Take | Opened, settings: Settings = Settings()) -> float:
     """How fast the right end of the opened part travels outwards, mw/s, as `zip_speed_left_v1`."""
     return _zip(validate(take), 1, settings)[0]
 
 
-def zip_jump_left_v1(take: Take, settings: Settings = Settings()) -> float:
+def zip_jump_left_v1(take: Take | Opened, settings: Settings = Settings()) -> float:
     """The largest step of the left end between two frames as a share of its way, 1: near 1 jumps, near 0 peels.
 
     Over the frames as measured. Depends on the frame rate: compare takes of the same rate only.
@@ -211,34 +228,33 @@ def zip_jump_left_v1(take: Take, settings: Settings = Settings()) -> float:
     return _zip(validate(take), -1, settings)[1]
 
 
-def zip_jump_right_v1(take: Take, settings: Settings = Settings()) -> float:
+def zip_jump_right_v1(take: Take | Opened, settings: Settings = Settings()) -> float:
     """The largest step of the right end between two frames as a share of its way, 1, as `zip_jump_left_v1`."""
     return _zip(validate(take), 1, settings)[1]
 
 
-def corner_delay_left_v1(take: Take, settings: Settings = Settings()) -> float:
+def corner_delay_left_v1(take: Take | Opened, settings: Settings = Settings()) -> float:
     """How much later the lips part at the left corner than in the middle of the mouth, s.
 
-    t(c) - t(0), where t(x) is when an opening first covers x, between frames, and c is 0.8 of the outermost place opened
-    on the left. Negative where the corner parts first. NaN where one of the two never opens or the beginning was not
-    seen.
+    t(c) - t(0), where t(x) is when an opening first covers x, between frames, and c is 0.8 of the outermost place that
+    is opened on the left. Negative where the corner parts first. NaN where one of the two never opens or the beginning
+    was not seen.
     """
     return _delay(validate(take), -1, settings)
 
 
-def corner_delay_right_v1(take: Take, settings: Settings = Settings()) -> float:
+def corner_delay_right_v1(take: Take | Opened, settings: Settings = Settings()) -> float:
     """How much later the lips part at the right corner than in the middle, s, as `corner_delay_left_v1`."""
     return _delay(validate(take), 1, settings)
 
 
-def area_asymmetry_v1(take: Take) -> float:
+def area_asymmetry_v1(take: Take | Opened) -> float:
     """Right against left in opened area over time, 1, from -1, only left, to 1, only right.
 
         (int A_right dt - int A_left dt) / (int A_right dt + int A_left dt)
 
-    An opening that crosses the middle is divided as a smooth lens with its ends, area and centre of area: the share left
-    of the middle is that of the beta distribution with a + b = 4 (a parabola where it is symmetric) and the same mean.
-    NaN where the mouth never opens.
+    An opening that crosses the middle is divided as a smooth lens with its ends, area and centre of area: the share to
+    the left is that of the beta distribution with a + b = 4 (a parabola where it is symmetric) and the same mean. NaN where the mouth never opens.
     """
     opened = validate(take)
     table = opened.table
@@ -250,7 +266,7 @@ def area_asymmetry_v1(take: Take) -> float:
     return float((weight * (1 - 2 * on_left)).sum() / weight.sum()) if weight.sum() > 0 else math.nan
 
 
-def onset_asymmetry_v1(take: Take, settings: Settings = Settings()) -> float:
+def onset_asymmetry_v1(take: Take | Opened, settings: Settings = Settings()) -> float:
     """How much earlier the lips part right than left, s: t(-q) - t(q), t(x) as in `corner_delay_left_v1`.
 
     q is half of the way from the middle to the outermost place that is opened on either side. Positive where the right
@@ -259,15 +275,17 @@ def onset_asymmetry_v1(take: Take, settings: Settings = Settings()) -> float:
     opened = validate(take)
     if not opened.from_closed:
         return math.nan
-    q = settings.side_share * max(-opened.left[opened.main].min(), opened.right[opened.main].max())
-    return _covered(opened, -q) - _covered(opened, q)
+    rows = opened.stroke(settings.fall_share)
+    q = settings.side_share * max(-opened.left[rows].min(), opened.right[rows].max())
+    return _covered(opened, rows, -q) - _covered(opened, rows, q)
 
 
-def width_at_peak_v1(take: Take) -> float:
+def width_at_peak_v1(take: Take | Opened) -> float:
     """Width of the largest opening when its height is greatest, mw; a lip that sticks keeps it narrow. w(argmax h).
 
     NaN where it is not known then.
     """
+    take = take.take if isinstance(take, Opened) else take
     movement.validate(take)
     return float(take.channels["width"][np.nanargmax(take.channels["height"])])
 
@@ -279,8 +297,10 @@ def evaluate(take: Take, *, settings: Settings = Settings()) -> dict[str, float]
     ------
     InputError : as `validate`
     """
-    validate(take)
-    return {row.name: row.function(take, settings) if row.function.__defaults__ else row.function(take) for row in ROWS}
+    opened = validate(take)
+    return {
+        row.name: row.function(opened, settings) if row.function.__defaults__ else row.function(opened) for row in ROWS
+    }
 
 
 def _main(is_open: np.ndarray, known: np.ndarray, height: np.ndarray) -> np.ndarray:
@@ -297,29 +317,29 @@ def _zip(opened: Opened, side: int, settings: Settings) -> tuple[float, float]:
     """Speed of one end, side -1 left and 1 right, and the largest step as a share of its way."""
     if not opened.from_closed:
         return math.nan, math.nan
-    time_s = opened.time_s[opened.main]
-    place = side * (opened.left if side < 0 else opened.right)[opened.main]
-    widest = (opened.right - opened.left)[opened.main].max()
+    rows = opened.stroke(settings.fall_share)
+    time_s = opened.time_s[rows]
+    place = side * (opened.left if side < 0 else opened.right)[rows]
+    widest = (opened.right - opened.left)[rows].max()
     steady = place.copy()
     if len(place) > 2:
         steady[1:-1] = np.median([place[:-2], place[1:-1], place[2:]], axis=0)
     way = steady.max() - steady[0]
     if way < settings.least_way * widest or way <= 0:
         return math.nan, math.nan
-    share = (steady - steady[0]) / way
     end = int(place.argmax())
     jump = float(np.diff(place[: end + 1]).max() / (place[end] - place[0]))
+    share = (steady - steady[0]) / way
     first, last = (int(np.argmax(share >= limit)) for limit in (settings.zip_from, settings.zip_to))
     if first == last:
         return math.nan, jump
-    inside = slice(first, last)
-    t = np.concatenate([[_crossing(time_s, share, first, settings.zip_from)], time_s[inside]])
-    q = np.concatenate([[settings.zip_from], share[inside]])
-    t = np.append(t, _crossing(time_s, share, last, settings.zip_to))
-    q = np.append(q, settings.zip_to)
+    ends = [_crossing(time_s, share, k, limit) for k, limit in ((first, settings.zip_from), (last, settings.zip_to))]
+    t = np.array([ends[0], *time_s[first:last], ends[1]])
+    q = np.array([settings.zip_from, *share[first:last], settings.zip_to])
     i, j = np.triu_indices(len(t), 1)
-    apart = t[j] - t[i] > 0
-    return float(np.median((q[j] - q[i])[apart] / (t[j] - t[i])[apart]) * way), jump
+    apart = t[j] > t[i]  # a share may be reached exactly on a frame, which then is there twice
+    speed = float(np.median((q[j] - q[i])[apart] / (t[j] - t[i])[apart]) * way)
+    return (speed if speed > 0 else math.nan), jump
 
 
 def _crossing(time_s: np.ndarray, values: np.ndarray, k: int, level: float) -> float:
@@ -332,27 +352,27 @@ def _crossing(time_s: np.ndarray, values: np.ndarray, k: int, level: float) -> f
 def _delay(opened: Opened, side: int, settings: Settings) -> float:
     if not opened.from_closed:
         return math.nan
-    outermost = opened.left[opened.main].min() if side < 0 else opened.right[opened.main].max()
+    rows = opened.stroke(settings.fall_share)
+    outermost = opened.left[rows].min() if side < 0 else opened.right[rows].max()
     if outermost * side <= 0:
         return math.nan
-    return _covered(opened, settings.corner_share * outermost) - _covered(opened, 0.0)
+    return _covered(opened, rows, settings.corner_share * outermost) - _covered(opened, rows, 0.0)
 
 
-def _covered(opened: Opened, x: float) -> float:
-    """When an opening of the main opening first covers x, s; NaN never.
+def _covered(opened: Opened, rows: np.ndarray, x: float) -> float:
+    """When an opening first covers x in these open frames, s; NaN never.
 
-    Between two open frames linearly in the distance of the nearest opening from x; the frame's time where it covers x in
-    the first open one.
+    Between two open frames linearly in the distance of the nearest opening from x; the frame's time where it covers x
+    in the first of them.
     """
-    table = opened.table[opened.table["row"].isin(opened.main)]
+    table = opened.table
     distance = np.full(len(opened.time_s), np.inf)
     beyond = np.maximum(table["left"].to_numpy(float) - x, x - table["right"].to_numpy(float))
     np.minimum.at(distance, table["row"].to_numpy(), beyond)
-    distance, time_s = distance[opened.main], opened.time_s[opened.main]
-    k = int(np.argmax(distance <= 0))
-    if distance[k] > 0:
+    k = int(np.argmax(distance[rows] <= 0))
+    if distance[rows[k]] > 0:
         return math.nan
-    return _crossing(time_s, -distance, k, 0.0)
+    return _crossing(opened.time_s[rows], -distance[rows], k, 0.0)
 
 
 ROWS = (
