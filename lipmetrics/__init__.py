@@ -5,7 +5,12 @@ import importlib
 _HOME = {
     "InputError": "errors",
     "Profile": "profile",
+    "align": "compare.alignment",
+    "average": "compare.averages",
+    "classify": "compare.classes",
     "find_openings": "still",
+    "hausdorff": "compare.distances",
+    "l2": "compare.distances",
     "load_profile": "profile",
     "measure": "pipeline",
     "opening_mask": "still",
