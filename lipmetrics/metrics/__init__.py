@@ -8,10 +8,10 @@ from __future__ import annotations
 import difflib
 
 from lipmetrics.errors import InputError
-from lipmetrics.metrics import landmarks, movement, sticky, vertices
+from lipmetrics.metrics import curves, landmarks, movement, sticky, vertices
 from lipmetrics.metrics.registry import HIGHER, LOWER, NEEDS, NONE, Metric
 
-FAMILIES = (vertices, landmarks, movement, sticky)
+FAMILIES = (vertices, landmarks, movement, sticky, curves)
 METRICS: dict[str, Metric] = {row.name: row for family in FAMILIES for row in family.ROWS}
 
 __all__ = [

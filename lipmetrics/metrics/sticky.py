@@ -200,8 +200,8 @@ def merge_jump_v1(take: Take | Opened) -> float:
 def zip_speed_left_v1(take: Take | Opened, settings: Settings = Settings()) -> float:
     """How fast the left end of the opened part travels outwards, mw/s.
 
-    The end's way goes from its first place in the stroke to its outermost one, over a running median of three frames. The
-    speed is the Theil-Sen slope (median of the slopes of all pairs of points) from where 20 % of the way is first
+    The end's way goes from its first place in the stroke to its outermost one, over a running median of three frames.
+    The speed is the Theil-Sen slope (median of the slopes of all pairs of points) from where 20 % of the way is first
     reached, between frames, to where 80 % is.
 
     Returns
@@ -254,7 +254,8 @@ def area_asymmetry_v1(take: Take | Opened) -> float:
         (int A_right dt - int A_left dt) / (int A_right dt + int A_left dt)
 
     An opening that crosses the middle is divided as a smooth lens with its ends, area and centre of area: the share to
-    the left is that of the beta distribution with a + b = 4 (a parabola where it is symmetric) and the same mean. NaN where the mouth never opens.
+    the left is that of the beta distribution with a + b = 4 (a parabola where it is symmetric) and the same mean. NaN
+    where the mouth never opens.
     """
     opened = validate(take)
     table = opened.table
