@@ -29,23 +29,8 @@ from lipmetrics.console import (
     seconds,
     sentence,
 )
+from lipmetrics.endings import VIDEO_ENDINGS
 from lipmetrics.errors import InputError
-
-VIDEO_ENDINGS = {
-    ".avi",
-    ".m4v",
-    ".mkv",
-    ".mov",
-    ".mp4",
-    ".mpeg",
-    ".mpg",
-    ".webm",
-    ".wmv",
-    ".mts",
-    ".m2ts",
-    ".ts",
-    ".ogv",
-}
 
 
 def main(argv: list[str] | None = None) -> int:

@@ -19,13 +19,16 @@ import numpy as np
 import pandas as pd
 
 from lipmetrics import floors
+from lipmetrics.compare import BAND, COST
 from lipmetrics.errors import InputError
 from lipmetrics.intervals import DRAWS, FEWEST_CLUSTERS, LEVEL, cluster_counts, compare_paired, holm
 from lipmetrics.labels import Labels, labels_of_name
+from lipmetrics.measuring import ZERO, Measure, Measuring, all_measures
+from lipmetrics.metrics import HIGHER
 from lipmetrics.takes import CHANNELS, Take, same_unit
 
-LOWER, HIGHER, ZERO = "lower", "higher", "zero"
 ANY_UTTERANCE = "all takes"
+FEWEST_SPEAKERS = 5  # of a model: with fewer, models are compared by utterance
 MOST_AT_ONCE = 4_000_000  # elements of the largest array of a bootstrap
 
 
@@ -42,39 +45,14 @@ class Settings:
     """
 
     channels: tuple[str, ...] = CHANNELS
-    cost: str = "absolute"
-    band: float | None = None
+    cost: str = COST
+    band: float | None = BAND
     rate_hz: float | None = None
     allow_mixed_units: bool = False
     same_speaker: bool = False
     draws: int = DRAWS
     level: float = LEVEL
     seed: int = 0
-
-
-@dataclass(frozen=True)
-class Measure:
-    """A metric as a score uses it.
-
-    better : `lower` is nearer, `higher` is nearer, or `zero`: the distance is the absolute value
-    of_pair : compares two takes; else it describes one, and the distance is the absolute difference
-    """
-
-    name: str
-    unit: str
-    better: str
-    of_pair: bool
-    family: str = ""
-    about: str = ""
-
-
-@dataclass(frozen=True)
-class Measuring:
-    """What is measured, and how: `pair(real, model)` and `take(take)` give name -> value of the `measures`."""
-
-    measures: tuple[Measure, ...]
-    pair: Callable[[Take, Take], Mapping[str, float]]
-    take: Callable[[Take], Mapping[str, float]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,9 +137,13 @@ def score(
     everything = [one.take for one in (*real, *(one for takes in named.values() for one in takes))]
     unit = same_unit(everything, allow_mixed=settings.allow_mixed_units)
     if measuring is None:
-        from lipmetrics.measuring import all_measures
-
-        measuring = all_measures(settings)
+        measuring = all_measures(
+            channels=settings.channels,
+            cost=settings.cost,
+            band=settings.band,
+            rate_hz=settings.rate_hz,
+            mixed_units=settings.allow_mixed_units,
+        )
     return _Scoring(named, real, settings, measuring, unit, progress or (lambda done, of: None)).run()
 
 
@@ -339,6 +321,9 @@ class _Scoring:
         signed = [not m.of_pair or m.better == ZERO for m in self.measuring.measures]
         return np.where(signed, -values, values)
 
+    def _unit(self, measure: Measure) -> str:
+        return measure.unit if self.unit == "mw" else measure.unit.replace("mw", self.unit)
+
     def _k(self, measure: Measure) -> int:
         return self.measuring.measures.index(measure)
 
@@ -400,13 +385,13 @@ class _Scoring:
         return self.drawn[model]
 
     def _rows(self, model: str, measure: Measure, kinds: list[str]) -> tuple[list[dict], list[dict], list[dict]]:
-        counts, own_counts, clusters = self._counts(model)
+        counts, own_counts, _ = self._counts(model)
         plain = self._numbers(model, measure, kinds, np.ones((1, self.speakers_n)), np.ones((1, own_counts.shape[1])))
         clusters_n = (counts.shape[1], own_counts.shape[1])
         drawn = self._numbers(model, measure, kinds, counts, own_counts) if max(clusters_n) > 1 else plain
         clips, utterances = [], []
         head = {"model": model}
-        what = {"metric": measure.name, "unit": measure.unit, "better": measure.better}
+        what = {"metric": measure.name, "unit": self._unit(measure), "better": measure.better}
         for u in self.utterances:
             for i, one in enumerate(self.clips_of[model, u]):
                 label = {"take": one.take.name, "utterance": u, "speaker": one.labels.speaker or ""}
@@ -419,7 +404,10 @@ class _Scoring:
                 size = {"clips_n": len(self.clips_of[model, u])}
                 utterances.append(head | {"utterance": u, **what} | size | numbers)
         numbers = self._with_limits(measure, plain["overall"], drawn["overall"], 0)
-        size = {"clips_n": len(self.models[model]), "utterances_n": sum(bool(self.clips_of[model, u]) for u in self.utterances)}
+        size = {
+            "clips_n": len(self.models[model]),
+            "utterances_n": sum(bool(self.clips_of[model, u]) for u in self.utterances),
+        }
         bias = np.array([row["bias"] for row in clips if math.isfinite(row["bias"])])
         overall = head | what | size | numbers | {"bias": float(bias.mean()) if len(bias) else math.nan}
         return clips, utterances, [overall]
@@ -497,7 +485,9 @@ class _Scoring:
         rows = [row for row in rows if row]
         table = pd.DataFrame(rows, columns=COMPARISON_COLUMNS)
         if len(table):
-            table["p_holm"] = np.concatenate([holm(part["p"].to_numpy()) for _, part in table.groupby(["first", "second"], sort=False)])
+            table["p_holm"] = np.concatenate(
+                [holm(part["p"].to_numpy()) for _, part in table.groupby(["first", "second"], sort=False)]
+            )
         return table
 
     def _paired(self, name_a: str, name_b: str, measure: Measure, first: pd.DataFrame, second: pd.DataFrame) -> dict:
@@ -508,13 +498,18 @@ class _Scoring:
         if len(both) < len(first) or len(both) < len(second):
             # not clip by clip: the utterances' means are what both have
             item = "utterance"
-            means = [part.groupby("utterance", sort=False)["value"].mean().rename(n) for part, n in ((first, "value_a"), (second, "value_b"))]
+            means = [
+                part.groupby("utterance", sort=False)["value"].mean().rename(n)
+                for part, n in ((first, "value_a"), (second, "value_b"))
+            ]
             both = pd.concat(means, axis=1, join="inner").reset_index()
             both["speaker"] = ""
         if not (np.isfinite(both.get("value_a", np.nan)) & np.isfinite(both.get("value_b", np.nan))).any():
             return {}
-        speakers = both["speaker"].nunique()
-        cluster = "speaker" if item == "clip" and speakers >= 5 else "utterance" if both["utterance"].nunique() > 1 else item
+        said, speakers = (len(set(both[name])) for name in ("utterance", "speaker"))
+        cluster = item
+        if item == "clip":
+            cluster = "speaker" if speakers >= FEWEST_SPEAKERS else "utterance" if said > 1 else "clip"
         labels = both[cluster].to_numpy() if cluster in both else None
         found = compare_paired(
             both["value_a"].to_numpy(float),
@@ -528,7 +523,13 @@ class _Scoring:
         if measure.better == HIGHER:
             nearer = nearer[::-1]
         return {
-            **{"first": name_a, "second": name_b, "metric": measure.name, "unit": measure.unit, "better": measure.better},
+            **{
+                "first": name_a,
+                "second": name_b,
+                "metric": measure.name,
+                "unit": self._unit(measure),
+                "better": measure.better,
+            },
             **{"mean_first": found.mean_first, "mean_second": found.mean_second, "difference": found.difference.value},
             **{"low": found.difference.low, "high": found.difference.high, "interval": found.difference.method},
             **{"p": found.test.p, "p_holm": math.nan, "p_exact": found.test.exact, "smallest_p": found.test.smallest_p},
@@ -558,15 +559,20 @@ class _Scoring:
         if self.speakers_known and floors.REPEATS not in kinds:
             self.notes.append("No speaker repeats an utterance: the floor of repeat against repeat cannot be had.")
         if not kinds:
-            self.notes.append("There is one real take of each utterance only: no floor can be had, so no percentile and no ratio.")
+            self.notes.append(
+                "There is one real take of each utterance only: no floor can be had, so no percentile and no ratio."
+            )
         if 1 < self.speakers_n < FEWEST_CLUSTERS:
             who = "speakers" if self.speakers_known else "real takes"
-            self.notes.append(f"Intervals rest on {self.speakers_n} {who}; with fewer than {FEWEST_CLUSTERS} they are too narrow.")
+            self.notes.append(
+                f"Intervals rest on {self.speakers_n} {who}; with fewer than {FEWEST_CLUSTERS} they are too narrow."
+            )
         for kind in kinds:
             sizes = [len(groups) for groups in self.speaker.values()]
             if kind != floors.REPEATS and max(sizes) < 20:
+                step = f"{100 / max(sizes):.0f} or coarser"
                 self.notes.append(
-                    f"An utterance has at most {max(sizes)} real takes, so a percentile is in steps of {100 / max(sizes):.0f} or coarser."
+                    f"An utterance has at most {max(sizes)} real takes: percentiles are in steps of {step}."
                 )
                 break
         if self.settings.allow_mixed_units:

@@ -5,7 +5,9 @@ import pytest
 
 from lipmetrics.errors import InputError
 from lipmetrics.labels import Labels
-from lipmetrics.score import HIGHER, LOWER, ZERO, Labelled, Measure, Measuring, Settings, score
+from lipmetrics.measuring import ZERO, Measure, Measuring
+from lipmetrics.metrics import HIGHER, LOWER
+from lipmetrics.score import Labelled, Settings, score
 from lipmetrics.takes import Take
 
 # A take is one number here, its height: distances can be worked by hand.
@@ -105,7 +107,9 @@ def test_a_real_take_among_its_like_is_typical():
 
 
 def test_utterances_are_kept_apart_and_averaged():
-    real = [labelled(f"{s}_{u}_1", h) for u, of in (("mm", (1, 3)), ("pp", (10, 20))) for s, h in zip("ab", of, strict=True)]
+    real = [
+        labelled(f"{s}_{u}_1", h) for u, of in (("mm", (1, 3)), ("pp", (10, 20))) for s, h in zip("ab", of, strict=True)
+    ]
     found = scored([labelled("x_mm_1", 2.0), labelled("x_pp_1", 12.0), labelled("y_pp_1", 18.0)], real)
     assert row(found.utterances, metric="apart", utterance="mm")["value"] == 1
     assert row(found.utterances, metric="apart", utterance="pp")["value"] == 5
@@ -160,7 +164,13 @@ def test_two_models_are_compared_on_the_same_clips():
         "far": [labelled(f"x_u{k}_1", 14.0 + 0.1 * k) for k in range(6)],
     }
     one = row(scored(models, real).comparisons, metric="apart")
-    assert (one["first"], one["second"], one["items_n"], one["item"], one["cluster"]) == ("near", "far", 6, "clip", "utterance")
+    assert (one["first"], one["second"], one["items_n"], one["item"], one["cluster"]) == (
+        "near",
+        "far",
+        6,
+        "clip",
+        "utterance",
+    )
     assert one["difference"] == pytest.approx(one["mean_first"] - one["mean_second"])
     assert one["first_nearer"] == 6 and one["high"] < 0
     assert one["p"] == pytest.approx(2 / 2**6) and one["p_exact"]

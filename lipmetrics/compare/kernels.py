@@ -1,0 +1,384 @@
+"""Compiled inner loops of the comparison: time warping, Hausdorff distance, barycentre averaging.
+
+Curves are (T, C) float64, samples by channels, free of NaN; the modules above see to that. All run without Python's
+lock, so that threads share the work.
+
+The table of least costs is filled along anti-diagonals, whose cells do not depend on one another, so that the processor
+computes several at a time; loops run from 0 over slices, which is what numba needs to vectorise them. The step taken
+into each cell is kept in 2 bits, four anti-diagonals to a row of bytes: 25 MB for 10,000 by 10,000 samples.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+LANES = 8  # cells are computed in batches of this many; what is computed past the end of a diagonal is never read
+_PAD = 16  # spare places behind every buffer for that
+
+
+@njit(cache=True, nogil=True)
+def band_width(n, m, band):
+    """Twice the half-width of the band, in units of the rule in `warping`; -1 for no band."""
+    if band < 0 or n == 1 or m == 1:
+        return -1
+    longer, shorter = max(n, m) - 1, min(n, m) - 1
+    width = 2 * np.int64(math.floor(band * longer + 1e-9)) * shorter
+    return max(width, longer) if n != m else width
+
+
+@njit(cache=True, nogil=True)
+def diagonal(d, n, m, width):
+    """First and last i of the cells (i, d - i) that are allowed; last = first - 1 if there are none."""
+    first, last = max(0, d - m + 1), min(n - 1, d)
+    if width >= 0:
+        middle, whole = 2 * d * (n - 1), 2 * (n + m - 2)
+        first = max(first, -((width - middle) // whole))
+        last = min(last, (middle + width) // whole)
+    return first, last
+
+
+@njit(cache=True, nogil=True)
+def steps_size(n, m, width):
+    """Bytes that the steps of an n by m table take."""
+    size = 0
+    for d in range(0, n + m - 1, 4):
+        first, last = diagonal(d, n, m, width)
+        size += last - first + 4 + LANES
+    return size
+
+
+@njit(cache=True, nogil=True)
+def lay_out(curve, backwards, rows):
+    """Write a curve (T, C) channel by channel into `rows` (>= C, >= T + pad), padded with zeros."""
+    n = curve.shape[0]
+    rows[:, :] = 0.0
+    for c in range(curve.shape[1]):
+        for k in range(n):
+            rows[c, k] = curve[n - 1 - k if backwards else k, c]
+
+
+@njit(cache=True, nogil=True)
+def _one_channel(x, y, count, squared, add, cost):
+    """Local costs of one channel, set or added."""
+    if add and squared:
+        for k in range(count):
+            cost[k] += (x[k] - y[k]) ** 2
+    elif add:
+        for k in range(count):
+            cost[k] += abs(x[k] - y[k])
+    elif squared:
+        for k in range(count):
+            cost[k] = (x[k] - y[k]) ** 2
+    else:
+        for k in range(count):
+            cost[k] = abs(x[k] - y[k])
+
+
+@njit(cache=True, nogil=True)
+def _four_channels(x0, x1, x2, x3, y0, y1, y2, y3, count, squared, cost):
+    """Local costs of the first four channels."""
+    if squared:
+        for k in range(count):
+            cost[k] = (x0[k] - y0[k]) ** 2 + (x1[k] - y1[k]) ** 2 + (x2[k] - y2[k]) ** 2 + (x3[k] - y3[k]) ** 2
+    else:
+        for k in range(count):
+            cost[k] = abs(x0[k] - y0[k]) + abs(x1[k] - y1[k]) + abs(x2[k] - y2[k]) + abs(x3[k] - y3[k])
+
+
+@njit(cache=True, nogil=True)
+def _cells(older, up, left, cost, new, steps, count, one, two):
+    """One anti-diagonal: least cost of each cell, and the step into it. Ties: diagonal, then i - 1, then j - 1."""
+    for k in range(count):
+        best = older[k]
+        step = np.uint8(0)
+        if up[k] < best:
+            best = up[k]
+            step = one
+        if left[k] < best:
+            best = left[k]
+            step = two
+        new[k] = best + cost[k]
+        steps[k] |= step
+
+
+@njit(cache=True, nogil=True)
+def fill(x, y, n, m, channels, width, squared, cost, older, old, new, steps, starts):
+    """Fill the table of least costs and return the cost of the best path.
+
+    x (rows, n + pad) and y (rows, m + pad, backwards) : from `lay_out`; rows >= 4
+    cost, older, old, new : work space of n + pad
+    steps, starts : the step into each cell, read by `trace`
+    """
+    older[:] = np.inf
+    old[:] = np.inf
+    new[:] = np.inf
+    older[0] = 0.0  # before the first cell
+    used = 0
+    result = np.inf
+    for d in range(n + m - 1):
+        first, last = diagonal(d, n, m, width)
+        if d & 3 == 0:
+            size = last - first + 4 + LANES
+            starts[d >> 2] = used - first
+            row = steps[used : used + size]
+            for k in range(size):
+                row[k] = 0
+            used += size
+        count = (last - first + LANES) // LANES * LANES
+        end = first + count
+        back = m - 1 - d  # y is backwards: j = d - i lies at m - 1 - d + i
+        if channels > 2:
+            _four_channels(
+                *(x[0, first:end], x[1, first:end], x[2, first:end], x[3, first:end]),
+                *(y[0, back + first : back + end], y[1, back + first : back + end]),
+                *(y[2, back + first : back + end], y[3, back + first : back + end]),
+                *(count, squared, cost),
+            )
+            for c in range(4, channels):
+                _one_channel(x[c, first:end], y[c, back + first : back + end], count, squared, True, cost)
+        else:
+            for c in range(channels):
+                _one_channel(x[c, first:end], y[c, back + first : back + end], count, squared, c > 0, cost)
+        at = starts[d >> 2] + first
+        shift = 2 * (d & 3)
+        _cells(
+            *(older[first:end], old[first:end], old[first + 1 : end + 1], cost, new[first + 1 : end + 1]),
+            *(steps[at : at + count], count, np.uint8(1 << shift), np.uint8(2 << shift)),
+        )
+        new[first] = np.inf
+        new[last + 2] = np.inf
+        result = new[n]
+        older, old, new = old, new, older
+    return result
+
+
+@njit(cache=True, nogil=True)
+def trace(steps, starts, n, m, path):
+    """Write the path at the end of `path` (n + m - 1, 2), first step first; return where it starts."""
+    i, j, at = n - 1, m - 1, n + m - 2
+    while True:
+        path[at, 0] = i
+        path[at, 1] = j
+        if i == 0 and j == 0:
+            return at
+        d = i + j
+        step = (steps[starts[d >> 2] + i] >> (2 * (d & 3))) & 3
+        if j == 0 or (step == 1 and i > 0):
+            i -= 1
+        elif i == 0 or step == 2:
+            j -= 1
+        else:
+            i -= 1
+            j -= 1
+        at -= 1
+
+
+@njit(cache=True, nogil=True)
+def warp_one(x, y, band, squared):
+    """Path (L, 2) and summed cost of two curves."""
+    n, m, channels = x.shape[0], y.shape[0], x.shape[1]
+    rows = max(channels, 4) if channels > 2 else channels
+    across, down = np.empty((rows, n + _PAD)), np.empty((rows, m + _PAD))
+    lay_out(x, False, across)
+    lay_out(y, True, down)
+    width = band_width(n, m, band)
+    buffers = np.empty((4, n + _PAD))
+    steps = np.empty(steps_size(n, m, width), np.uint8)
+    starts = np.empty((n + m) // 4 + 1, np.int64)
+    total = fill(
+        *(across, down, n, m, channels, width, squared),
+        *(buffers[0], buffers[1], buffers[2], buffers[3], steps, starts),
+    )
+    path = np.empty((n + m - 1, 2), np.int64)
+    start = trace(steps, starts, n, m, path)
+    return path[start:].copy(), total
+
+
+@njit(cache=True, nogil=True)
+def directed(time_a, a, time_b, b, least):
+    """Largest of the squared distances from each point of a to its nearest of b; points (time, values), times sorted.
+
+    Each point of a searches outwards from its own time and stops where time alone is farther than the nearest found,
+    or where it can no longer raise the largest, which starts at `least`.
+    """
+    n, channels = b.shape
+    largest = least
+    middle = 0
+    for k in range(a.shape[0]):
+        time = time_a[k]
+        while middle < n - 1 and time_b[middle] < time:
+            middle += 1
+        nearest = np.inf
+        right, left = middle, middle - 1
+        while nearest > largest:
+            gap_right = (time_b[right] - time) ** 2 if right < n else np.inf
+            gap_left = (time - time_b[left]) ** 2 if left >= 0 else np.inf
+            if gap_right <= gap_left:
+                if gap_right >= nearest:
+                    break
+                at = right
+                square = gap_right
+                right += 1
+            else:
+                if gap_left >= nearest:
+                    break
+                at = left
+                square = gap_left
+                left -= 1
+            for c in range(channels):
+                square += (a[k, c] - b[at, c]) ** 2
+            nearest = min(nearest, square)
+        largest = max(largest, nearest)
+    return largest
+
+
+@njit(cache=True, nogil=True)
+def lag_half_samples(x, y, path, weights):
+    """Median of j - i along a path, each step weighted by how far both curves move in it; in half samples.
+
+    A step from (i, j) to (i', j') counts at the mean of both ends. Where neither curve moves at all, steps count alike.
+    weights (>= 2 (n + m)) : work space
+    """
+    n, m, channels = x.shape[0], y.shape[0], x.shape[1]
+    bins = 2 * (n + m) - 3
+    total = 0.0
+    for even in range(2):
+        weights[:bins] = 0.0
+        for k in range(1, path.shape[0]):
+            i, j, i0, j0 = path[k, 0], path[k, 1], path[k - 1, 0], path[k - 1, 1]
+            weight = float(even)
+            for c in range(channels):
+                weight += abs(x[i, c] - x[i0, c]) + abs(y[j, c] - y[j0, c])
+            weights[j + j0 - i - i0 + 2 * (n - 1)] += weight
+            total += weight
+        if total > 0:
+            break
+    if total == 0:  # a single cell
+        return 0.0
+    half = 0.5 * total * (1 - 1e-12)
+    low, high = 0, bins - 1
+    below, above = weights[low], weights[high]
+    while below < half:
+        low += 1
+        below += weights[low]
+    while above < half:
+        high -= 1
+        above += weights[high]
+    return 0.5 * (low + high) - 2 * (n - 1)
+
+
+@njit(cache=True, nogil=True)
+def compare_block(takes, take_at, ys, y_at, first, last, band, squared, shift, step, total, length, there, back, lag):
+    """All of takes first to last - 1 against all of ys: summed cost, path length, both Hausdorff distances, lag.
+
+    takes (sum T, C), take_at (N + 1,) : curves one after another, and where each starts; ys, y_at (M + 1,) likewise
+    shift (N, M) : time of the first sample of y less that of the take, in value units
+    step : time from sample to sample, in value units
+    total, length, there, back, lag (N, M) : results; lag in half samples, without the shift
+    """
+    channels = takes.shape[1]
+    longest_x, longest_y = 0, 0
+    for a in range(first, last):
+        longest_x = max(longest_x, take_at[a + 1] - take_at[a])
+    for b in range(y_at.size - 1):
+        longest_y = max(longest_y, y_at[b + 1] - y_at[b])
+    both = longest_x + longest_y
+    rows = max(channels, 4) if channels > 2 else channels
+    across, down = np.empty((rows, longest_x + _PAD)), np.empty((y_at.size - 1, rows, longest_y + _PAD))
+    for b in range(y_at.size - 1):
+        lay_out(ys[y_at[b] : y_at[b + 1]], True, down[b])
+    buffers = np.empty((4, longest_x + _PAD))
+    steps = np.empty(0, np.uint8)
+    starts = np.empty(both // 4 + 1, np.int64)
+    paths = np.empty((both, 2), np.int64)
+    times, weights = np.empty(both), np.empty(2 * both)
+    aligned_x, aligned_y = np.empty((both, channels)), np.empty((both, channels))
+    n_before, m_before, width = 0, 0, -1
+    for a in range(first, last):
+        x = takes[take_at[a] : take_at[a + 1]]
+        n = x.shape[0]
+        lay_out(x, False, across)
+        for b in range(y_at.size - 1):
+            y = ys[y_at[b] : y_at[b + 1]]
+            m = y.shape[0]
+            if n != n_before or m != m_before:
+                n_before, m_before = n, m
+                width = band_width(n, m, band)
+                size = steps_size(n, m, width)
+                if size > steps.size:
+                    steps = np.empty(size, np.uint8)
+            total[a, b] = fill(
+                *(across, down[b], n, m, channels, width, squared),
+                *(buffers[0], buffers[1], buffers[2], buffers[3], steps, starts),
+            )
+            start = trace(steps, starts, n, m, paths)
+            path = paths[start : n + m - 1]
+            count = path.shape[0]
+            length[a, b] = count
+            for k in range(count):
+                i, j = path[k, 0], path[k, 1]
+                times[k] = 0.5 * (step * (i + j) + shift[a, b])
+                for c in range(channels):
+                    aligned_x[k, c] = x[i, c]
+                    aligned_y[k, c] = y[j, c]
+            there[a, b] = math.sqrt(directed(times[:count], aligned_x[:count], times[:count], aligned_y[:count], 0.0))
+            back[a, b] = math.sqrt(directed(times[:count], aligned_y[:count], times[:count], aligned_x[:count], 0.0))
+            lag[a, b] = lag_half_samples(x, y, path, weights)
+
+
+@njit(cache=True, nogil=True)
+def barycentre(mean, takes, take_at, band, tolerance, costs, paths, lengths):
+    """Improve `mean` (T, C) in place by DTW barycentre averaging; return the number of costs found.
+
+    costs (iterations + 1,) : summed squared cost before each update, and of the result
+    paths (N, longest path, 2) int32, lengths (N,) : the result's path to each take
+    """
+    n, channels = mean.shape
+    longest = 0
+    for a in range(take_at.size - 1):
+        longest = max(longest, take_at[a + 1] - take_at[a])
+    rows = max(channels, 4) if channels > 2 else channels
+    across, down = np.empty((rows, n + _PAD)), np.empty((rows, longest + _PAD))
+    buffers = np.empty((4, n + _PAD))
+    steps = np.empty(0, np.uint8)
+    starts = np.empty((n + longest) // 4 + 1, np.int64)
+    path = np.empty((n + longest, 2), np.int64)
+    sums, counts = np.empty((n, channels)), np.empty(n)
+    for iteration in range(costs.size):
+        lay_out(mean, False, across)
+        sums[:, :] = 0.0
+        counts[:] = 0.0
+        costs[iteration] = 0.0
+        for a in range(take_at.size - 1):
+            y = takes[take_at[a] : take_at[a + 1]]
+            m = y.shape[0]
+            width = band_width(n, m, band)
+            size = steps_size(n, m, width)
+            if size > steps.size:
+                steps = np.empty(size, np.uint8)
+            lay_out(y, True, down)
+            costs[iteration] += fill(
+                *(across, down, n, m, channels, width, True),
+                *(buffers[0], buffers[1], buffers[2], buffers[3], steps, starts),
+            )
+            start = trace(steps, starts, n, m, path)
+            lengths[a] = n + m - 1 - start
+            for k in range(lengths[a]):
+                i, j = path[start + k, 0], path[start + k, 1]
+                paths[a, k, 0] = i
+                paths[a, k, 1] = j
+                counts[i] += 1.0
+                for c in range(channels):
+                    sums[i, c] += y[j, c]
+        done = iteration == costs.size - 1
+        if iteration > 0 and costs[iteration - 1] - costs[iteration] <= tolerance * costs[iteration - 1]:
+            done = True
+        if done:
+            return iteration + 1
+        for i in range(n):
+            for c in range(channels):
+                mean[i, c] = sums[i, c] / counts[i]
+    return costs.size

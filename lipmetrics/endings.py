@@ -1,0 +1,17 @@
+"""Endings of file names."""
+
+VIDEO_ENDINGS = {
+    ".avi",
+    ".m4v",
+    ".mkv",
+    ".mov",
+    ".mp4",
+    ".mpeg",
+    ".mpg",
+    ".webm",
+    ".wmv",
+    ".mts",
+    ".m2ts",
+    ".ts",
+    ".ogv",
+}
