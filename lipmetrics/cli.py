@@ -12,6 +12,7 @@ import sys
 from collections import Counter
 from pathlib import Path
 
+from lipmetrics.comparison_commands import add_comparison_verbs
 from lipmetrics.console import (
     BAD_INPUT,
     DONE,
@@ -269,6 +270,7 @@ def _parser() -> argparse.ArgumentParser:
     verbs = parser.add_subparsers(title="commands", required=True, metavar="COMMAND", parser_class=Parser)
     _add_measure(verbs)
     _add_demo(verbs)
+    add_comparison_verbs(verbs)
     verbs.add_parser("simulate", help="ground-truth clips of sticky mouths from scenes", add_help=False)
     verbs.add_parser("view", help="replay a simulated clip in the browser", add_help=False)
     return parser

@@ -82,6 +82,7 @@ class Score:
     primary : the kind of floor that percentiles without further word refer to, or None
     notes : what limits the numbers, a sentence each
     failed : take -> why it was passed over
+    pair_values : (model, utterance) -> (clips, real takes, metrics), signed values of pairs
     """
 
     clips: pd.DataFrame
@@ -98,7 +99,13 @@ class Score:
     unit: str
     notes: list[str]
     failed: dict[str, str]
-    pair_values: dict[tuple[str, int], np.ndarray] = field(default_factory=dict, repr=False)
+    pair_values: dict[tuple[str, str], np.ndarray] = field(default_factory=dict, repr=False)
+
+    def clip_distances(self, model: str, clip: Labelled, measure: Measure) -> np.ndarray:
+        """Distances (n,) of a clip in a metric to the real takes of its utterance, in their order."""
+        same = [one for one in self.models[model] if one.utterance == clip.utterance]
+        values = self.pair_values[model, clip.utterance][same.index(clip), :, self.measures.index(measure)]
+        return _distance(measure, values)
 
 
 def score(
@@ -198,6 +205,7 @@ class _Scoring:
             self.unit,
             self.notes,
             self.failed,
+            self.to_real,
         )
 
     # -- what there is ------------------------------------------------------------------------------------------------
