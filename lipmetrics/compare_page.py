@@ -15,7 +15,7 @@ from lipmetrics.compare.distances import SECONDS_PER_UNIT
 from lipmetrics.curve_figures import FIRST, SECOND, Group, aligned_png, path_png, profiles_png, regions_png
 from lipmetrics.errors import InputError
 from lipmetrics.html_page import number, picture, table, write_page
-from lipmetrics.measuring import GROUPS, ZERO, Measure, all_measures, formula_of, label_of
+from lipmetrics.measuring import GROUPS, ZERO, Measure, all_measures, formula_of, label_of, unit_of
 from lipmetrics.profile import without_nan
 from lipmetrics.takes import CHANNELS, Take, same_unit
 
@@ -193,7 +193,7 @@ def _numbers(found: Comparison) -> str:
             else:
                 a, b = (values.get(one.name, math.nan) for values in (found.first_values, found.second_values))
                 cells = [number(a), number(b), f"{b - a:+.3g}" if math.isfinite(b - a) else "-"]
-            rows.append([label_of(one.name), _unit(found, one), *cells, formula_of(one.name)])
+            rows.append([label_of(one.name), unit_of(one, found.unit), *cells, formula_of(one.name)])
         if not rows:
             continue
         of = ["value"] if measures[0].of_pair else [found.first.name, found.second.name, "difference"]
@@ -215,10 +215,6 @@ def _gradients(found: Comparison) -> str:
 
 def _single(found: Comparison) -> list[Measure]:
     return [one for one in found.measures if not one.of_pair]
-
-
-def _unit(found: Comparison, measure: Measure) -> str:
-    return measure.unit if found.unit == "mw" else measure.unit.replace("mw", found.unit)
 
 
 def _take(take: Take) -> dict:

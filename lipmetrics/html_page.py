@@ -69,13 +69,14 @@ def _side(cell) -> str:
 
 
 _STYLE = """
-body { font: 16px/1.5 system-ui, sans-serif; color: #222; background: #fff; max-width: 64rem; margin: 2rem auto;
+body { font: 16px/1.5 system-ui, sans-serif; color: #222; background: #fff; max-width: 72rem; margin: 2rem auto;
   padding: 0 1rem; }
 h1 { font-size: 1.7rem; } h2 { font-size: 1.25rem; margin-top: 2.2rem; } h3 { font-size: 1.05rem; }
-img { max-width: 100%; height: auto; display: block; margin: 0.5rem 0; }
+p, ul { max-width: 62rem; }
+img { max-width: min(100%, 62rem); height: auto; display: block; margin: 0.5rem 0; }
 .wide { overflow-x: auto; }
-table { border-collapse: collapse; margin: 0.5rem 0 1rem; font-size: 0.92rem; font-variant-numeric: tabular-nums; }
-td, th { padding: 0.2rem 0.9rem 0.2rem 0; text-align: left; border-bottom: 1px solid #ddd; vertical-align: top;
+table { border-collapse: collapse; margin: 0.5rem 0 1rem; font-size: 0.88rem; font-variant-numeric: tabular-nums; }
+td, th { padding: 0.2rem 0.8rem 0.2rem 0; text-align: left; border-bottom: 1px solid #ddd; vertical-align: top;
   white-space: nowrap; }
 th { font-weight: 600; } .n { text-align: right; }
 .note { color: #666; font-size: 0.9rem; }

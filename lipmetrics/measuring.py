@@ -108,6 +108,17 @@ def label_of(name: str) -> str:
     return " ".join(words)
 
 
+def title_of(measure: Measure) -> str:
+    """What a score's value in a metric is: of a metric of single takes it is a difference."""
+    return label_of(measure.name) + ("" if measure.of_pair else " difference")
+
+
+def unit_of(measure: Measure, unit: str) -> str:
+    """The unit of a metric of takes in `unit`, as people write it: nothing, 's', 'mw', 'mw²', 'mw/s', 'per s'."""
+    text = measure.unit.replace("mw", unit)
+    return {"1": "", "1/s": "per s"}.get(text, text.replace("^2", "²"))
+
+
 def formula_of(name: str) -> str:
     """A metric's formula, as its row says it."""
     return METRICS[name].formula if name in METRICS else ""

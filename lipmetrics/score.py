@@ -417,6 +417,8 @@ class _Scoring:
             "utterances_n": sum(bool(self.clips_of[model, u]) for u in self.utterances),
         }
         bias = np.array([row["bias"] for row in clips if math.isfinite(row["bias"])])
+        known = {name: sum(row[name] for row in clips) for name in ("references_n", "known_n")}
+        size |= {"pairs_n": known["references_n"], "known_n": known["known_n"]}
         overall = head | what | size | numbers | {"bias": float(bias.mean()) if len(bias) else math.nan}
         return clips, utterances, [overall]
 

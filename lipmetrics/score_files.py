@@ -12,7 +12,7 @@ import pandas as pd
 
 from lipmetrics import floors
 from lipmetrics.atomic import whole_file
-from lipmetrics.measuring import HEADLINES, Measure, label_of
+from lipmetrics.measuring import HEADLINES, Measure, title_of, unit_of
 from lipmetrics.profile import without_nan
 from lipmetrics.score import Labelled, Score
 
@@ -86,10 +86,16 @@ def headlines(score: Score) -> list[Measure]:
     return wanted or list(score.measures[:6])
 
 
+def titled(score: Score, measure: Measure) -> str:
+    """A metric's name and unit, for the head of a column."""
+    unit = unit_of(measure, score.unit)
+    return title_of(measure) + (f" ({unit})" if unit else "")
+
+
 def latex(score: Score) -> str:
     """A row of LaTeX per model: value, and its percentile in the floor in brackets; what is what in comments."""
     measures = headlines(score)
-    names = [f"{label_of(one.name)} ({_unit(score, one)})" for one in measures]
+    names = [titled(score, one) for one in measures]
     floor = floors.MEANING.get(score.primary or "", "none could be had")
     lines = [
         f"% lipmetrics score: {', '.join(one.name for one in measures)}",
@@ -111,10 +117,6 @@ def overall_row(score: Score, model: str, metric: str) -> dict:
     """The row of `overall` of a model and a metric."""
     table = score.overall
     return table[(table["model"] == model) & (table["metric"] == metric)].iloc[0].to_dict()
-
-
-def _unit(score: Score, measure: Measure) -> str:
-    return measure.unit if score.unit == "mw" else measure.unit.replace("mw", score.unit)
 
 
 def _who(one: Labelled) -> dict:

@@ -24,10 +24,10 @@ from lipmetrics.curve_figures import (
 )
 from lipmetrics.errors import InputError
 from lipmetrics.html_page import bullets, folded, number, picture, span, table, write_page
-from lipmetrics.measuring import GROUPS, Measure, formula_of, label_of
+from lipmetrics.measuring import GROUPS, Measure, formula_of, label_of, title_of, unit_of
 from lipmetrics.metrics import HIGHER
 from lipmetrics.score import Labelled, Score
-from lipmetrics.score_files import headlines, kinds_of, overall_row
+from lipmetrics.score_files import headlines, kinds_of, overall_row, titled
 
 MOST_REAL_DRAWN = 40
 _FAMILY_ABOUT = {
@@ -76,7 +76,7 @@ def in_short(score: Score) -> list[str]:
             row = overall_row(score, model, measure.name)
             if not math.isfinite(row["value"]):
                 continue
-            text = f"{label_of(measure.name)} {_with_unit(row['value'], _unit(score, measure))}"
+            text = f"{title_of(measure)} {_with_unit(row['value'], unit_of(measure, score.unit))}"
             percentile = row.get(f"percentile_{score.primary}", math.nan)
             if math.isfinite(percentile):
                 text += f" (percentile {percentile:.0f})"
@@ -191,23 +191,42 @@ def _all_tables(score: Score) -> str:
 
 def _table_of(score: Score, measures: list[Measure]) -> str:
     kinds = kinds_of(score)
-    head = ["metric", "unit", "model", "value", "interval", "bias"]
+    signed = any(
+        math.isfinite(overall_row(score, model, one.name)["bias"]) for model in score.models for one in measures
+    )
+    head = ["metric", "unit", "model", "value", "interval", *(["bias"] if signed else [])]
     for kind in kinds:
-        head += [f"floor: {kind}", "ratio", "percentile", "interval"]
+        head += [f"floor: {kind}", "ratio", "percentile", *(["interval"] if kind == score.primary else [])]
     rows = []
     for measure in measures:
         for m, model in enumerate(score.models):
             row = overall_row(score, model, measure.name)
             arrow = " ↑" if measure.better == HIGHER else ""
-            cells = [label_of(measure.name) + arrow if m == 0 else "", _unit(score, measure) if m == 0 else "", model]
+            unit = unit_of(measure, score.unit)
+            cells = [label_of(measure.name) + arrow, unit, model] if m == 0 else ["", "", model]
             cells += [number(row["value"]), span(row["low"], row["high"])]
-            cells.append(f"{row['bias']:+.3g}" if math.isfinite(row["bias"]) else "-")
+            if signed:
+                cells.append(f"{row['bias']:+.3g}" if math.isfinite(row["bias"]) else "-")
             for kind in kinds:
                 name = f"percentile_{kind}"
-                cells += [number(row[f"median_{kind}"]), number(row[f"ratio_{kind}"])]
-                cells += [_percent(row[name]), _percent_span(row[f"{name}_low"], row[f"{name}_high"])]
+                cells += [number(row[f"median_{kind}"]), number(row[f"ratio_{kind}"]), _percent(row[name])]
+                if kind == score.primary:
+                    cells.append(_percent_span(row[f"{name}_low"], row[f"{name}_high"]))
             rows.append(cells)
-    return table(rows, head)
+    return table(rows, head) + _incomplete(score, measures)
+
+
+def _incomplete(score: Score, measures: list[Measure]) -> str:
+    """Which metrics some pairs do not have: a mouth that never merges has no merge time, and nothing is put in."""
+    found = []
+    for measure in measures:
+        for model in score.models:
+            row = overall_row(score, model, measure.name)
+            if row["known_n"] < row["pairs_n"]:
+                found.append(f"{label_of(measure.name)}, {model}: {row['known_n']} of {row['pairs_n']} pairs")
+    if not found:
+        return ""
+    return f'<p class="note">Known for a part of the pairs only: {escape("; ".join(found))}.</p>'
 
 
 def _comparisons(score: Score) -> str:
@@ -241,7 +260,7 @@ def _utterances(score: Score) -> str:
             percentile = row.get(f"percentile_{score.primary}", math.nan)
             cells.append(number(row["value"]) + (f" ({percentile:.0f})" if math.isfinite(percentile) else ""))
         rows.append(cells)
-    head = ["model", "utterance", "takes", *(f"{label_of(one.name)} ({_unit(score, one)})" for one in measures)]
+    head = ["model", "utterance", "takes", *(titled(score, one) for one in measures)]
     about = "Value, and in brackets its percentile in the floor. All metrics of all clips are in the CSV."
     return f'{table(rows, head)}<p class="note">{about}</p>'
 
@@ -338,14 +357,10 @@ def _settings(score: Score) -> list[tuple[str, str]]:
 _UNITS = {"mw": "mouth widths (mw)", "px": "px", "m": "m", "model": "units of the mesh"}
 
 
-def _unit(score: Score, measure: Measure) -> str:
-    return measure.unit if score.unit == "mw" else measure.unit.replace("mw", score.unit)
-
-
 def _with_unit(value: float, unit: str) -> str:
     if unit == "s":
         return f"{1000 * value:.0f} ms"
-    return number(value) + ("" if unit == "1" else f" {unit}")
+    return number(value) + (f" {unit}" if unit else "")
 
 
 def _percent(value: float) -> str:
