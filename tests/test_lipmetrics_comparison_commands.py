@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 from moving_takes import write_table
 
-from lipmetrics import cli
+from lipmetrics import cli, curve_figures
 
 NAMES = ("--names", "{speaker}_{utterance}_{repeat}")
 
@@ -25,6 +25,17 @@ def folder(tmp_path):
         write_table(tmp_path / f"near/x_{utterance}_1.csv", high=0.33 + 0.2 * u, late_s=0.02, rate_hz=30)
         write_table(tmp_path / f"far/x_{utterance}_1.csv", high=0.6 + 0.2 * u, late_s=0.16, rate_hz=60)
     return tmp_path
+
+
+@pytest.fixture
+def drawn():
+    """Asked for by tests that look at figures; the others go without, as figures take most of the time."""
+
+
+@pytest.fixture(autouse=True)
+def figures(request, monkeypatch):
+    if "drawn" not in request.fixturenames:
+        monkeypatch.setattr(curve_figures, "_png", lambda draw, size: b"a figure")
 
 
 @pytest.fixture
@@ -66,7 +77,7 @@ def page_of(path):
     return page, " ".join(page.words)
 
 
-def test_a_folder_is_scored_against_a_folder(run, folder):
+def test_a_folder_is_scored_against_a_folder(run, folder, drawn):
     code, out, err = run("score", "near", "--reference", "real", *NAMES, "-o", "out", "--draws", 50)
     assert (code, err) == (0, "")
     assert "near: L2 height" in out and "percentile" in out
@@ -114,7 +125,9 @@ def test_a_list_tells_all(run, folder):
 
 
 def test_without_labels_all_takes_are_one_utterance(run):
-    code, out, _ = run("score", "near/x_mm_1.csv", "--reference", "real", "-o", "out", "--draws", 20)
+    code, out, _ = run(
+        "score", "near/x_mm_1.csv", "--reference", "real/a_mm_1.csv", "real/b_mm_1.csv", "-o", "out", "--draws", 20
+    )
     assert code == 0
     assert "all takes count as one utterance" in out and "Not every speaker is known" in out
 
@@ -188,7 +201,7 @@ def test_mixed_units_are_refused_unless_asked_for(run, folder):
     assert code == 2 and "mouth width" in err
 
 
-def test_compare_tells_lateness(run, folder):
+def test_compare_tells_lateness(run, folder, drawn):
     code, out, err = run("compare", "near/x_mm_1.csv", "far/x_mm_1.csv", "-o", "out", "--band", "none")
     assert (code, err) == (0, "")
     assert re.search(r"far/x_mm_1 is 1[2-6]\d ms later", out)
@@ -211,7 +224,7 @@ def test_compare_without_movement_has_no_phases(run, folder):
     assert json.loads(out)["regions"] == []
 
 
-def test_average_writes_table_provenance_and_figure(run, folder):
+def test_average_writes_table_provenance_and_figure(run, folder, drawn):
     (folder / "real/d_mm_1.csv").write_text("time_s,width_mw,height_mw,area_mw2\n0,oops,1,1\n")
     code, out, err = run("average", *sorted(folder.glob("real/*_mm_*.csv")), "-o", "out/mm.csv", "--json")
     assert code == cli.SOME_FAILED and "d_mm_1" in err
