@@ -16,7 +16,6 @@ from lipmetrics.errors import InputError
 from lipmetrics.metrics.registry import NONE, Metric
 from lipmetrics.takes import Take
 
-
 _STILL = 0.01  # of the peak velocity counts as none: rounding must not lengthen a stroke
 
 
@@ -129,8 +128,8 @@ def closing_speed_v1(take: Take, settings: Settings = Settings()) -> float:
 def opening_stiffness_v1(take: Take, settings: Settings = Settings()) -> float:
     """Peak velocity of opening over the way of that stroke, 1/s: max h' / (h at its end - h at its start).
 
-    The stroke lasts as long as the slope around the peak is above a hundredth of it. NaN where its way is under a tenth of the
-    greatest height (`Settings.onset_share`), which is no opening.
+    The stroke lasts as long as the slope around the peak is above a hundredth of it. NaN where its way is under a tenth
+    of the greatest height (`Settings.onset_share`), which is no opening.
 
     Source: Munhall, Ostry & Parush 1985: "ratio of maximum instantaneous velocity to movement amplitude, a kinematic
     index of mass-normalized stiffness".
