@@ -87,6 +87,19 @@ def test_other_rates_and_lengths():
     assert abs(scores["lag_v1"]) < 0.02 and scores["speed_ratio_v1"] == pytest.approx(1, rel=0.1)
 
 
+def test_equal_times_are_times_of_the_clock():
+    """A model whose recording begins 0.1 s later on the same clock."""
+    later = opening(TIME_S[5:])
+    assert curves.l2(REAL, later) == pytest.approx(0, abs=1e-12) and curves.mod_v1(later, REAL) < 1e-12
+
+
+def test_what_does_not_change_has_no_correlation():
+    """The mean of equal numbers differs from them by rounding."""
+    still = Take("still", TIME_S, REAL.channels | {"width": np.full(61, 0.1)})
+    assert np.full(61, 0.1).mean() != 0.1
+    assert math.isnan(curves.correlation(REAL, still, "width"))
+
+
 def test_a_smaller_model():
     scores = curves.evaluate(REAL, opening(TIME_S, size=0.5))
     assert scores["peak_ratio_v1"] == pytest.approx(0.5) and scores["speed_ratio_v1"] == pytest.approx(0.5)

@@ -71,9 +71,20 @@ def test_zip_speed_is_taken_between_its_shares():
     assert math.isnan(sticky.zip_speed_left_v1(take))  # stays where it is
 
 
+def test_a_zip_of_three_steps_by_hand():
+    """The right end goes 0.1, 0.2, 0.4, 0.5 in steps of 0.1 s, shares 0, 1/4, 3/4, 1 of its way of 0.4.
+
+    It passes 0.2 at 0.08 s and 0.8 at 0.22 s after the first frame. The slopes of the six pairs of (0.08, 0.2),
+    (0.1, 0.25), (0.2, 0.75) and (0.22, 0.8) are 2.5, 55/12, 30/7, 5, 55/12 and 2.5; their median is (30/7 + 55/12) / 2.
+    """
+    take = take_of(np.arange(5) / 10, [[], *([(1, -0.1, right, 0.1)] for right in (0.1, 0.2, 0.4, 0.5))])
+    assert sticky.zip_speed_right_v1(take) == pytest.approx(0.4 * (30 / 7 + 55 / 12) / 2)
+    assert sticky.zip_jump_right_v1(take) == pytest.approx(0.5)
+
+
 def test_a_wrong_frame_hardly_changes_a_zip_speed():
     frames = peeling()
-    frames[11] = [(1, -0.5, 0.1, 0.12)]
+    frames[4] = [(1, -0.5, 0.1, 0.12)]
     assert sticky.zip_speed_left_v1(take_of(TIME_S, frames)) == pytest.approx(1, rel=0.03)
     assert sticky.zip_speed_right_v1(take_of(TIME_S, frames)) == pytest.approx(0.5, rel=0.03)
 
@@ -107,6 +118,7 @@ def test_the_main_opening_is_the_highest_one():
     assert sticky.zip_speed_left_v1(take) == pytest.approx(1)
     opened = sticky.validate(take)
     assert (opened.main[0], opened.main[-1]) == (4, 33)
+    assert sticky.validate(opened) is opened  # brought into frames once
 
 
 def test_unknown_frames_do_not_end_an_opening():
@@ -141,10 +153,10 @@ def test_shares_of_time_are_not_shares_of_frames():
 
 def test_three_that_become_one_and_one_that_splits():
     parts = [(1, -0.4, -0.2, 0.1), (2, -0.1, 0.1, 0.1), (3, 0.2, 0.4, 0.1)]
-    split = [(1, -0.4, 0.1, 0.1), (4, 0.2, 0.4, 0.1, "split", "1")]
+    split = [(1, -0.4, 0.1, 0.1), (4, 0.3, 0.4, 0.1, "split", "1")]
     take = take_of(np.arange(4) / 10, [[], parts, [(1, -0.4, 0.4, 0.2, "merge", "1+2+3")], split])
     assert sticky.merges_v1(take) == 2 and sticky.splits_v1(take) == 1 and sticky.most_openings_v1(take) == 3
-    assert sticky.events(take)["jump"].tolist() == pytest.approx([0.6, -0.6])
+    assert sticky.events(take)["jump"].tolist() == pytest.approx([0.6, -0.7])
     assert sticky.merge_jump_v1(take) == pytest.approx(0.6)  # a split is no merge
 
 
