@@ -9,6 +9,7 @@ _HOME = {
     "align": "compare.alignment",
     "average": "compare.averages",
     "classify": "compare.classes",
+    "Take": "take",
     "find_openings": "still",
     "hausdorff": "compare.distances",
     "l2": "compare.distances",
