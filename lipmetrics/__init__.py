@@ -5,6 +5,7 @@ import importlib
 _HOME = {
     "InputError": "errors",
     "Profile": "profile",
+    "Take": "takes",
     "align": "compare.alignment",
     "average": "compare.averages",
     "classify": "compare.classes",
@@ -14,6 +15,8 @@ _HOME = {
     "load_profile": "profile",
     "measure": "pipeline",
     "opening_mask": "still",
+    "read_take": "takes",
+    "read_takes": "takes",
 }
 __all__ = sorted(_HOME)
 

@@ -13,24 +13,10 @@ import sys
 from collections import Counter
 from pathlib import Path
 
+from lipmetrics.endings import VIDEO_ENDINGS
 from lipmetrics.errors import InputError
 
 DONE, BAD_INPUT, SOME_FAILED, STOPPED = 0, 2, 3, 130
-VIDEO_ENDINGS = {
-    ".avi",
-    ".m4v",
-    ".mkv",
-    ".mov",
-    ".mp4",
-    ".mpeg",
-    ".mpg",
-    ".webm",
-    ".wmv",
-    ".mts",
-    ".m2ts",
-    ".ts",
-    ".ogv",
-}
 
 
 def main(argv: list[str] | None = None) -> int:

@@ -124,8 +124,8 @@ def check_rate(rate_hz: float) -> float:
 
 def resample(curve: Curve, rate_hz: float) -> Curve:
     """The curve at t0, t0 + 1 / rate_hz, ... up to its end, by straight lines between samples."""
-    if len(curve.time_s) > 1 and np.abs(np.diff(curve.time_s) * rate_hz - 1).max() <= 1e-9:
-        return curve  # on such a grid already
+    if _on_grid(curve, rate_hz):
+        return curve
     count = int(np.floor((curve.time_s[-1] - curve.time_s[0]) * rate_hz + 1e-6)) + 1
     if count > MOST_SAMPLES:
         raise InputError(f"{curve.name}: {count} samples at {rate_hz:g} per second are too many; pass a lower rate_hz")
@@ -165,7 +165,19 @@ def even(
         rates = [curve.rate_hz for curve in curves if len(curve.time_s) > 1]
         rate_hz = max(rates) if rates else 1.0
     rate_hz = check_rate(rate_hz)
-    return [resample(curve, rate_hz) for curve in curves], rate_hz
+    return [_at_rate(source, curve, rate_hz) for source, curve in zip(sources, curves, strict=True)], rate_hz
+
+
+def _at_rate(source, curve: Curve, rate_hz: float) -> Curve:
+    """The curve at a rate; a take resamples itself, as it knows which of its channels are counts."""
+    if _on_grid(curve, rate_hz) or not hasattr(source, "array"):
+        return resample(curve, rate_hz)
+    time_s, data = source.array(curve.channels, rate_hz=rate_hz)
+    return replace(curve, time_s=time_s, data=data)
+
+
+def _on_grid(curve: Curve, rate_hz: float) -> bool:
+    return len(curve.time_s) == 1 or float(np.abs(np.diff(curve.time_s) * rate_hz - 1).max()) <= 1e-9
 
 
 def nearest_name(name: object, known: Sequence[str], what: str) -> str:
