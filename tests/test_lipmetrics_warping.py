@@ -81,16 +81,20 @@ def test_no_monotone_path_is_cheaper(n, m, band, cost):
 def test_example_worked_by_hand():
     """The table of least costs, filled by hand as in Mueller, Information Retrieval for Music and Motion (2007), 4.1.
 
-    x = 1 3 9 2 1 against y = 2 0 0 8 7 2, absolute local cost:
 
-        y:      2   0   0   8   7   2
-        x = 1   1   2   3  10  16  17
-            3   2   4   5   8  12  13
-            9   9  11  13   6   8  15
-            2   9  11  13  12  11   8
-            1  10  10  11  18  17   9
+    x = 1 3 9 2 1 (rows) against y = 2 0 0 8 7 2 (columns), absolute local cost.
     """
-    path, distance = dtw_path([1, 3, 9, 2, 1], [2, 0, 0, 8, 7, 2])
+    sums = [
+        [1, 2, 3, 10, 16, 17],
+        [2, 4, 5, 8, 12, 13],
+        [9, 11, 13, 6, 8, 15],
+        [9, 11, 13, 12, 11, 8],
+        [10, 10, 11, 18, 17, 9],
+    ]
+    x, y = [1, 3, 9, 2, 1], [2, 0, 0, 8, 7, 2]
+    found = [[dtw_path(x[: i + 1], y[: j + 1])[1] for j in range(6)] for i in range(5)]
+    assert found == sums
+    path, distance = dtw_path(x, y)
     assert distance == 9
     assert path.tolist() == [[0, 0], [0, 1], [1, 2], [2, 3], [2, 4], [3, 5], [4, 5]]
 

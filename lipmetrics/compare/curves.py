@@ -126,9 +126,7 @@ def resample(curve: Curve, rate_hz: float) -> Curve:
     """The curve at t0, t0 + 1 / rate_hz, ... up to its end, by straight lines between samples."""
     if _on_grid(curve, rate_hz):
         return curve
-    count = int(np.floor((curve.time_s[-1] - curve.time_s[0]) * rate_hz + 1e-6)) + 1
-    if count > MOST_SAMPLES:
-        raise InputError(f"{curve.name}: {count} samples at {rate_hz:g} per second are too many; pass a lower rate_hz")
+    count = _count(curve, rate_hz)
     time_s = curve.time_s[0] + np.arange(count) / rate_hz
     columns = [np.interp(time_s, curve.time_s, column) for column in curve.data.T]
     return replace(curve, time_s=time_s, data=np.ascontiguousarray(np.stack(columns, axis=1)))
@@ -172,8 +170,17 @@ def _at_rate(source, curve: Curve, rate_hz: float) -> Curve:
     """The curve at a rate; a take resamples itself, as it knows which of its channels are counts."""
     if _on_grid(curve, rate_hz) or not hasattr(source, "array"):
         return resample(curve, rate_hz)
+    _count(curve, rate_hz)
     time_s, data = source.array(curve.channels, rate_hz=rate_hz)
     return replace(curve, time_s=time_s, data=data)
+
+
+def _count(curve: Curve, rate_hz: float) -> int:
+    """Samples of the curve at a rate; InputError if they are too many."""
+    count = int(np.floor((curve.time_s[-1] - curve.time_s[0]) * rate_hz + 1e-6)) + 1
+    if count > MOST_SAMPLES:
+        raise InputError(f"{curve.name}: {count} samples at {rate_hz:g} per second are too many; pass a lower rate_hz")
+    return count
 
 
 def _on_grid(curve: Curve, rate_hz: float) -> bool:
