@@ -5,11 +5,10 @@ import importlib
 _HOME = {
     "InputError": "errors",
     "Profile": "profile",
-    "Take": "takes",
+    "Take": "take",
     "align": "compare.alignment",
     "average": "compare.averages",
     "classify": "compare.classes",
-    "Take": "take",
     "find_openings": "still",
     "hausdorff": "compare.distances",
     "l2": "compare.distances",

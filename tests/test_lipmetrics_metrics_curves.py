@@ -6,7 +6,7 @@ from scipy.spatial.distance import directed_hausdorff
 
 from lipmetrics.errors import InputError
 from lipmetrics.metrics import METRICS, curves
-from lipmetrics.takes import Take
+from lipmetrics.take import Take
 
 
 def opening(time_s, start_s=0.3, size=1.0, name="made", unit="mw"):

@@ -5,7 +5,7 @@ import pytest
 
 from lipmetrics.errors import InputError
 from lipmetrics.metrics import METRICS, movement
-from lipmetrics.takes import Take
+from lipmetrics.take import Take
 
 
 def take_of(time_s, height, width=None, area=None):

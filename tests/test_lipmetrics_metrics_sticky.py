@@ -6,7 +6,7 @@ import pytest
 
 from lipmetrics.errors import InputError
 from lipmetrics.metrics import METRICS, sticky
-from lipmetrics.takes import OPENING_COLUMNS, Take
+from lipmetrics.take import OPENING_COLUMNS, Take
 
 
 def take_of(time_s, frames, unknown=(), scale=1.0):

@@ -14,7 +14,7 @@ import numpy as np
 
 from lipmetrics.errors import InputError
 from lipmetrics.metrics.registry import NONE, Metric
-from lipmetrics.takes import Take
+from lipmetrics.take import Take
 
 _STILL = 0.01  # of the peak velocity counts as none: rounding must not lengthen a stroke
 

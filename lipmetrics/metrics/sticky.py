@@ -22,7 +22,7 @@ from scipy.special import betainc
 from lipmetrics.errors import InputError
 from lipmetrics.metrics import movement
 from lipmetrics.metrics.registry import NONE, Metric
-from lipmetrics.takes import Take
+from lipmetrics.take import Take
 
 EVENT_COLUMNS = ("time_s", "event", "opening", "parents", "width", "width_before", "jump")
 _MOST_POINTS = 500  # of a zip: all pairs of them are looked at
