@@ -5,7 +5,7 @@ import importlib
 _HOME = {
     "InputError": "errors",
     "Profile": "profile",
-    "Take": "takes",
+    "Take": "take",
     "align": "compare.alignment",
     "average": "compare.averages",
     "classify": "compare.classes",
@@ -17,6 +17,7 @@ _HOME = {
     "opening_mask": "still",
     "read_take": "takes",
     "read_takes": "takes",
+    "score": "scoring",
 }
 __all__ = sorted(_HOME)
 

@@ -17,7 +17,7 @@ from lipmetrics.errors import InputError
 from lipmetrics.html_page import number, picture, table, write_page
 from lipmetrics.measuring import GROUPS, ZERO, Measure, all_measures, formula_of, label_of, unit_of
 from lipmetrics.profile import without_nan
-from lipmetrics.takes import CHANNELS, Take, same_unit
+from lipmetrics.take import CHANNELS, Take, same_unit
 
 FORMAT = "lipmetrics comparison 1"
 

@@ -24,8 +24,8 @@ from lipmetrics.errors import InputError
 
 if TYPE_CHECKING:
     from lipmetrics.labels import Labels
-    from lipmetrics.score import Labelled
-    from lipmetrics.takes import Take
+    from lipmetrics.scoring import Labelled
+    from lipmetrics.take import Take
 
 _DEFAULT = object()
 REFERENCE_GROUPS = ("real", "reference", "references")
@@ -129,7 +129,7 @@ def run_average(arguments: argparse.Namespace) -> int:
     from lipmetrics.atomic import whole_file
     from lipmetrics.compare import average
     from lipmetrics.curve_figures import average_png
-    from lipmetrics.takes import same_unit
+    from lipmetrics.take import same_unit
 
     target = Path(arguments.out)
     name = target.name
@@ -173,9 +173,9 @@ def run_average(arguments: argparse.Namespace) -> int:
 def run_score(arguments: argparse.Namespace) -> int:
     """`lipmetrics score`: models against real takes, to numbers and a report."""
     from lipmetrics.labels import read_list
-    from lipmetrics.score import Settings, score
     from lipmetrics.score_files import summary, write_score
     from lipmetrics.score_page import in_short, write_score_page
+    from lipmetrics.scoring import Settings, score
 
     folder = Path(arguments.out)
     listed = read_list(arguments.list) if arguments.list else {}
@@ -246,7 +246,7 @@ def _model_name(paths: list[str]) -> str:
 def _labelled(paths: Iterable, reading: dict, failed: dict, listed: dict[Path, Labels], pattern: str | None):
     """Takes with labels; those that cannot be read or labelled are named in `failed`."""
     from lipmetrics.labels import Labels, labels_of_name
-    from lipmetrics.score import Labelled
+    from lipmetrics.scoring import Labelled
 
     known = {_key(path): labels for path, labels in listed.items()}
     found: list[Labelled] = []

@@ -15,7 +15,7 @@ import numpy as np
 
 from lipmetrics.compare import Alignment, Average, Region
 from lipmetrics.compare.alignment import radius_s
-from lipmetrics.takes import Take
+from lipmetrics.take import Take
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -15,3 +15,4 @@ VIDEO_ENDINGS = {
     ".ts",
     ".ogv",
 }
+PICTURE_ENDINGS = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".ppm", ".pgm"})

@@ -147,7 +147,7 @@ def is_landmark_table(columns: list[str]) -> bool:
 
 def _read(path: Path) -> pd.DataFrame:
     try:
-        table = pd.read_csv(path, skipinitialspace=True, low_memory=False)
+        table = pd.read_csv(path, low_memory=False)
     except FileNotFoundError:
         raise InputError(f"expected the table {path}, found no such file") from None
     except (OSError, ValueError) as error:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from lipmetrics.compare import BAND, COST
 from lipmetrics.errors import InputError
 from lipmetrics.metrics import LOWER, METRICS, NONE, curves, movement, sticky
-from lipmetrics.takes import CHANNELS, Take
+from lipmetrics.take import CHANNELS, Take
 
 ZERO = "zero"
 

@@ -14,7 +14,7 @@ from lipmetrics import floors
 from lipmetrics.atomic import whole_file
 from lipmetrics.measuring import HEADLINES, Measure, title_of, unit_of
 from lipmetrics.profile import without_nan
-from lipmetrics.score import Labelled, Score
+from lipmetrics.scoring import Labelled, Score
 
 FORMAT = "lipmetrics score 1"
 _LATEX = {c: f"\\{c}" for c in "&%$#_{}"} | {

@@ -26,8 +26,8 @@ from lipmetrics.errors import InputError
 from lipmetrics.html_page import bullets, folded, number, picture, span, table, write_page
 from lipmetrics.measuring import GROUPS, Measure, formula_of, label_of, title_of, unit_of
 from lipmetrics.metrics import HIGHER
-from lipmetrics.score import Labelled, Score
 from lipmetrics.score_files import headlines, kinds_of, overall_row, titled
+from lipmetrics.scoring import Labelled, Score
 
 MOST_REAL_DRAWN = 40
 _FAMILY_ABOUT = {

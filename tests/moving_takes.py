@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lipmetrics.takes import Take
+from lipmetrics.take import Take
 
 
 def curves(high: float = 0.3, late_s: float = 0.0, rate_hz: float = 25.0, duration_s: float = 1.2) -> dict:

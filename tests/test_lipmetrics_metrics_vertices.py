@@ -17,6 +17,9 @@ def test_torchmetrics_squares_the_largest_error_of_each_frame():
 
 def test_the_words_of_the_papers_are_not_squared():
     assert vertices.lve_max_v1(REFERENCE, MODEL, LIPS) == pytest.approx((5 + 2) / 2)
+    # both errors in the first frame: only the larger one counts there, and none in the second
+    both = REFERENCE + np.array([[[3.0, 4, 0], [0, 0, 2], [0, 0, 0]], np.zeros((3, 3))])
+    assert vertices.lve_max_v1(REFERENCE, both, LIPS) == pytest.approx(5 / 2)
 
 
 def test_meshtalk_centres_each_frame_first():
@@ -92,7 +95,7 @@ def test_lengths_differ_only_where_it_is_asked_for():
         (np.where(REFERENCE == 9, np.nan, REFERENCE), LIPS, "first in frame 0"),
         (REFERENCE[:, :2], LIPS, "same points"),
         (REFERENCE, [0, 3], "between 0 and 2, got 3"),
-        (REFERENCE, [], "at least 1 whole number"),
+        (REFERENCE, np.array([], int), "at least 1 whole number"),
         (REFERENCE, [0.5], "at least 1 whole number"),
         (REFERENCE, [True, False, False], "use np.flatnonzero"),
         ([["a"]], LIPS, "array of numbers"),

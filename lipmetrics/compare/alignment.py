@@ -13,6 +13,7 @@ from lipmetrics.compare.warping import (
     BAND,
     COST,
     band_radius,
+    best_path,
     check_settings,
     check_size,
     distance_of,
@@ -114,7 +115,7 @@ def align(
     if nearest_name(clock, CLOCKS, "clock") == "start":
         first, second = from_start(first), from_start(second)
     check_size(len(first.time_s), len(second.time_s), share)
-    path, total = kernels.warp_one(first.data, second.data, share, squared)
+    path, total = best_path(first.data, second.data, squared, share)
     lag, weight = step_lags(first, second, path)
     return Alignment(
         *(first, second, path, float(distance_of(total, squared)), float(per_step_of(total, len(path), squared))),

@@ -18,11 +18,10 @@ import numpy as np
 import pandas as pd
 
 from lipmetrics.atomic import whole_file
-from lipmetrics.compare import kernels
 from lipmetrics.compare.alignment import matched_mean
 from lipmetrics.compare.curves import CHANNELS, Curve, even, thread_count
 from lipmetrics.compare.pairs import pack
-from lipmetrics.compare.warping import BAND, check_settings, check_size
+from lipmetrics.compare.warping import BAND, best_paths, check_settings, check_size, distance_of
 from lipmetrics.errors import InputError
 
 FORMAT = "lipmetrics average 1"
@@ -119,11 +118,7 @@ def average(
     check_size(count, max(lengths), share)
     mean = np.mean([_stretched(curve.data, count) for curve in curves], axis=0)
     values, at = pack(curves)
-    costs = np.empty(iterations + 1)
-    paths = np.empty((len(curves), count + max(lengths), 2), np.int32)
-    path_lengths = np.empty(len(curves), np.int64)
-    done = kernels.barycentre(mean, values, at, share, TOLERANCE, costs, paths, path_lengths)
-    kept = tuple(path[:length].astype(np.int64) for path, length in zip(paths, path_lengths, strict=True))
+    mean, costs, kept = _barycentre(mean, values, at, share, iterations)
     here = np.stack(
         [matched_mean(path[:, 0], curve.data[path[:, 1]], count) for curve, path in zip(curves, kept, strict=True)]
     )
@@ -135,7 +130,7 @@ def average(
     units = sorted({curve.unit for curve in curves if curve.unit})
     return Average(
         *(name, np.arange(count) / rate_hz, mean, spread, time_spread, curves[0].channels, "+".join(units)),
-        *(tuple(curve.name for curve in curves), rate_hz, band, tuple(map(float, costs[:done])), kept),
+        *(tuple(curve.name for curve in curves), rate_hz, band, costs, kept),
     )
 
 
@@ -176,6 +171,21 @@ def load_average(path: str | Path) -> Average:
         ) from None
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(f"expected an average ({FORMAT!r}) in {base}{TABLE} and {META}, got: {error}") from None
+
+
+def _barycentre(
+    mean: np.ndarray, values: np.ndarray, at: np.ndarray, band: float, iterations: int
+) -> tuple[np.ndarray, tuple[float, ...], tuple[np.ndarray, ...]]:
+    """Average (T, C), cost before each iteration and of the result, and the result's path to each take."""
+    count, costs = len(mean), []
+    while True:
+        totals, [lengths], [paths] = best_paths(mean, np.array([0, count]), values, at, 0, 1, True, band)
+        costs.append(float(distance_of(totals.sum(), False)))
+        if len(costs) > iterations or (len(costs) > 1 and costs[-2] - costs[-1] <= TOLERANCE * costs[-2]):
+            return mean, tuple(costs), tuple(path[-n:].astype(np.int64) for path, n in zip(paths, lengths, strict=True))
+        taken = np.arange(paths.shape[1]) >= paths.shape[1] - lengths[:, None]
+        places, matched = paths[..., 0][taken], (paths[..., 1] + at[:-1, None])[taken]
+        mean = np.ascontiguousarray(matched_mean(places, values[matched], count))
 
 
 def _stretched(values: np.ndarray, count: int) -> np.ndarray:

@@ -13,6 +13,7 @@ from lipmetrics.errors import InputError
 
 CHANNELS = ("width", "height", "area")
 MOST_SAMPLES = 200_000  # of one curve after resampling
+_ALIKE = 0.01  # time steps that differ by less than this share count as alike (times rounded to milliseconds)
 
 
 @dataclass(frozen=True)
@@ -33,8 +34,13 @@ class Curve:
 
     @property
     def rate_hz(self) -> float:
-        """Samples per second, from the median time step; NaN for a single sample."""
-        return 1.0 / float(np.median(np.diff(self.time_s))) if len(self.time_s) > 1 else float("nan")
+        """Samples per second: of the mean time step if all are alike, else of the median; NaN for a single sample."""
+        steps = np.diff(self.time_s)
+        if not len(steps):
+            return float("nan")
+        mean = (self.time_s[-1] - self.time_s[0]) / len(steps)
+        alike = np.abs(steps - mean).max() <= _ALIKE * mean
+        return float(1.0 / (mean if alike else np.median(steps)))
 
 
 def as_curve(source, channels: Sequence[str] = CHANNELS, rate_hz: float | None = None, name: str = "curve") -> Curve:
@@ -118,9 +124,9 @@ def check_rate(rate_hz: float) -> float:
 
 def resample(curve: Curve, rate_hz: float) -> Curve:
     """The curve at t0, t0 + 1 / rate_hz, ... up to its end, by straight lines between samples."""
-    count = int(np.floor((curve.time_s[-1] - curve.time_s[0]) * rate_hz + 1e-6)) + 1
-    if count > MOST_SAMPLES:
-        raise InputError(f"{curve.name}: {count} samples at {rate_hz:g} per second are too many; pass a lower rate_hz")
+    if _on_grid(curve, rate_hz):
+        return curve
+    count = _count(curve, rate_hz)
     time_s = curve.time_s[0] + np.arange(count) / rate_hz
     columns = [np.interp(time_s, curve.time_s, column) for column in curve.data.T]
     return replace(curve, time_s=time_s, data=np.ascontiguousarray(np.stack(columns, axis=1)))
@@ -157,7 +163,28 @@ def even(
         rates = [curve.rate_hz for curve in curves if len(curve.time_s) > 1]
         rate_hz = max(rates) if rates else 1.0
     rate_hz = check_rate(rate_hz)
-    return [resample(curve, rate_hz) for curve in curves], rate_hz
+    return [_at_rate(source, curve, rate_hz) for source, curve in zip(sources, curves, strict=True)], rate_hz
+
+
+def _at_rate(source, curve: Curve, rate_hz: float) -> Curve:
+    """The curve at a rate; a take resamples itself, as it knows which of its channels are counts."""
+    if _on_grid(curve, rate_hz) or not hasattr(source, "array"):
+        return resample(curve, rate_hz)
+    _count(curve, rate_hz)
+    time_s, data = source.array(curve.channels, rate_hz=rate_hz)
+    return replace(curve, time_s=time_s, data=data)
+
+
+def _count(curve: Curve, rate_hz: float) -> int:
+    """Samples of the curve at a rate; InputError if they are too many."""
+    count = int(np.floor((curve.time_s[-1] - curve.time_s[0]) * rate_hz + 1e-6)) + 1
+    if count > MOST_SAMPLES:
+        raise InputError(f"{curve.name}: {count} samples at {rate_hz:g} per second are too many; pass a lower rate_hz")
+    return count
+
+
+def _on_grid(curve: Curve, rate_hz: float) -> bool:
+    return len(curve.time_s) == 1 or float(np.abs(np.diff(curve.time_s) * rate_hz - 1).max()) <= 1e-9
 
 
 def nearest_name(name: object, known: Sequence[str], what: str) -> str:

@@ -16,10 +16,10 @@ import numpy as np
 from numba import njit
 
 LANES = 8  # cells are computed in batches of this many; what is computed past the end of a diagonal is never read
-_PAD = 16  # spare places behind every buffer for that
+PAD = 16  # spare places behind every buffer for that
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def band_width(n, m, band):
     """Twice the half-width of the band, in units of the rule in `warping`; -1 for no band."""
     if band < 0 or n == 1 or m == 1:
@@ -29,7 +29,7 @@ def band_width(n, m, band):
     return max(width, longer) if n != m else width
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def diagonal(d, n, m, width):
     """First and last i of the cells (i, d - i) that are allowed; last = first - 1 if there are none."""
     first, last = max(0, d - m + 1), min(n - 1, d)
@@ -40,7 +40,7 @@ def diagonal(d, n, m, width):
     return first, last
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def steps_size(n, m, width):
     """Bytes that the steps of an n by m table take."""
     size = 0
@@ -50,120 +50,118 @@ def steps_size(n, m, width):
     return size
 
 
-@njit(cache=True, nogil=True)
-def lay_out(curve, backwards, rows):
-    """Write a curve (T, C) channel by channel into `rows` (>= C, >= T + pad), padded with zeros."""
-    n = curve.shape[0]
-    rows[:, :] = 0.0
-    for c in range(curve.shape[1]):
+@njit(cache=True, nogil=True, error_model="numpy")
+def lay_out(curve, backwards, rows, start, stride):
+    """Write a curve (T, C) into the flat `rows`, channel c from `start` + c `stride` on, with zeros behind it."""
+    n, channels = curve.shape
+    rows[start : start + rows_of(channels) * stride] = 0.0
+    for c in range(channels):
         for k in range(n):
-            rows[c, k] = curve[n - 1 - k if backwards else k, c]
+            rows[start + c * stride + k] = curve[n - 1 - k if backwards else k, c]
 
 
-@njit(cache=True, nogil=True)
-def _one_channel(x, y, count, squared, add, cost):
+@njit(cache=True, nogil=True, error_model="numpy")
+def rows_of(channels):
+    """Rows that a curve is laid out in: at least 4, unless there is one channel."""
+    return max(channels, 4) if channels > 1 else 1
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _one_channel(x, y, at, there, count, squared, add, work):
     """Local costs of one channel, set or added."""
-    if add and squared:
-        for k in range(count):
-            cost[k] += (x[k] - y[k]) ** 2
-    elif add:
-        for k in range(count):
-            cost[k] += abs(x[k] - y[k])
-    elif squared:
-        for k in range(count):
-            cost[k] = (x[k] - y[k]) ** 2
-    else:
-        for k in range(count):
-            cost[k] = abs(x[k] - y[k])
+    for k in range(count):
+        gap = x[at + k] - y[there + k]
+        local = gap * gap if squared else abs(gap)
+        work[k] = work[k] + local if add else local
 
 
-@njit(cache=True, nogil=True)
-def _four_channels(x0, x1, x2, x3, y0, y1, y2, y3, count, squared, cost):
+@njit(cache=True, nogil=True, error_model="numpy")
+def _four_channels(x, y, at, there, stride_x, stride_y, count, squared, work):
     """Local costs of the first four channels."""
+    at1, there1 = at + stride_x, there + stride_y
+    at2, there2 = at1 + stride_x, there1 + stride_y
+    at3, there3 = at2 + stride_x, there2 + stride_y
     if squared:
         for k in range(count):
-            cost[k] = (x0[k] - y0[k]) ** 2 + (x1[k] - y1[k]) ** 2 + (x2[k] - y2[k]) ** 2 + (x3[k] - y3[k]) ** 2
+            gap0, gap1 = x[at + k] - y[there + k], x[at1 + k] - y[there1 + k]
+            gap2, gap3 = x[at2 + k] - y[there2 + k], x[at3 + k] - y[there3 + k]
+            work[k] = (gap0 * gap0 + gap1 * gap1) + (gap2 * gap2 + gap3 * gap3)
     else:
         for k in range(count):
-            cost[k] = abs(x0[k] - y0[k]) + abs(x1[k] - y1[k]) + abs(x2[k] - y2[k]) + abs(x3[k] - y3[k])
+            gap0, gap1 = abs(x[at + k] - y[there + k]), abs(x[at1 + k] - y[there1 + k])
+            gap2, gap3 = abs(x[at2 + k] - y[there2 + k]), abs(x[at3 + k] - y[there3 + k])
+            work[k] = (gap0 + gap1) + (gap2 + gap3)
 
 
-@njit(cache=True, nogil=True)
-def _cells(older, up, left, cost, new, steps, count, one, two):
+@njit(cache=True, nogil=True, error_model="numpy")
+def _cells(work, older, old, new, count, steps, at, one, two):
     """One anti-diagonal: least cost of each cell, and the step into it. Ties: diagonal, then i - 1, then j - 1."""
     for k in range(count):
-        best = older[k]
+        best = work[older + k]
         step = np.uint8(0)
-        if up[k] < best:
-            best = up[k]
+        up, left = work[old + k], work[old + np.uint64(1) + k]
+        if up < best:
+            best = up
             step = one
-        if left[k] < best:
-            best = left[k]
+        if left < best:
+            best = left
             step = two
-        new[k] = best + cost[k]
-        steps[k] |= step
+        work[new + np.uint64(1) + k] = best + work[k]
+        steps[at + k] |= step
 
 
-@njit(cache=True, nogil=True)
-def fill(x, y, n, m, channels, width, squared, cost, older, old, new, steps, starts):
+@njit(cache=True, nogil=True, error_model="numpy")
+def fill(x, y, from_x, from_y, stride_x, stride_y, n, m, channels, width, squared, work, steps, starts):
     """Fill the table of least costs and return the cost of the best path.
 
-    x (rows, n + pad) and y (rows, m + pad, backwards) : from `lay_out`; rows >= 4
-    cost, older, old, new : work space of n + pad
+    x, y, from_x, from_y, stride_x, stride_y : as `lay_out` made them, y backwards; strides >= n + PAD and m + PAD
+    work : at least 4 (n + PAD)
     steps, starts : the step into each cell, read by `trace`
+
+    Places are unsigned numbers, which spares numba the question whether one counts from the end of the array, and whole
+    arrays are passed, as counting the references to slices would take longer than a short diagonal.
     """
-    older[:] = np.inf
-    old[:] = np.inf
-    new[:] = np.inf
-    older[0] = 0.0  # before the first cell
+    lane = n + PAD
+    older, old, new = lane, 2 * lane, 3 * lane
+    work[: 4 * lane] = np.inf
+    work[older] = 0.0  # before the first cell
     used = 0
-    result = np.inf
     for d in range(n + m - 1):
         first, last = diagonal(d, n, m, width)
         if d & 3 == 0:
             size = last - first + 4 + LANES
             starts[d >> 2] = used - first
-            row = steps[used : used + size]
-            for k in range(size):
-                row[k] = 0
+            for k in range(np.uint64(used), np.uint64(used + size)):
+                steps[k] = 0
             used += size
-        count = (last - first + LANES) // LANES * LANES
-        end = first + count
-        back = m - 1 - d  # y is backwards: j = d - i lies at m - 1 - d + i
-        if channels > 2:
-            _four_channels(
-                *(x[0, first:end], x[1, first:end], x[2, first:end], x[3, first:end]),
-                *(y[0, back + first : back + end], y[1, back + first : back + end]),
-                *(y[2, back + first : back + end], y[3, back + first : back + end]),
-                *(count, squared, cost),
-            )
+        count = np.uint64((last - first + LANES) // LANES * LANES)
+        at, there = np.uint64(from_x + first), np.uint64(from_y + m - 1 - d + first)  # j = d - i, backwards
+        if channels > 1:
+            _four_channels(x, y, at, there, np.uint64(stride_x), np.uint64(stride_y), count, squared, work)
             for c in range(4, channels):
-                _one_channel(x[c, first:end], y[c, back + first : back + end], count, squared, True, cost)
+                below, right = np.uint64(c * stride_x), np.uint64(c * stride_y)
+                _one_channel(x, y, at + below, there + right, count, squared, True, work)
         else:
-            for c in range(channels):
-                _one_channel(x[c, first:end], y[c, back + first : back + end], count, squared, c > 0, cost)
-        at = starts[d >> 2] + first
-        shift = 2 * (d & 3)
+            _one_channel(x, y, at, there, count, squared, False, work)
         _cells(
-            *(older[first:end], old[first:end], old[first + 1 : end + 1], cost, new[first + 1 : end + 1]),
-            *(steps[at : at + count], count, np.uint8(1 << shift), np.uint8(2 << shift)),
+            *(work, np.uint64(older + first), np.uint64(old + first), np.uint64(new + first), count),
+            *(steps, np.uint64(starts[d >> 2] + first), np.uint8(1 << (2 * (d & 3))), np.uint8(2 << (2 * (d & 3)))),
         )
-        new[first] = np.inf
-        new[last + 2] = np.inf
-        result = new[n]
+        work[new + first] = np.inf
+        work[new + last + 2] = np.inf
         older, old, new = old, new, older
-    return result
+    return work[old + n]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def trace(steps, starts, n, m, path):
-    """Write the path at the end of `path` (n + m - 1, 2), first step first; return where it starts."""
-    i, j, at = n - 1, m - 1, n + m - 2
+    """Write the path at the end of `path` (>= n + m - 1, 2), first cell first; return the number of its cells."""
+    i, j, at = n - 1, m - 1, path.shape[0] - 1
     while True:
         path[at, 0] = i
         path[at, 1] = j
         if i == 0 and j == 0:
-            return at
+            return path.shape[0] - at
         d = i + j
         step = (steps[starts[d >> 2] + i] >> (2 * (d & 3))) & 3
         if j == 0 or (step == 1 and i > 0):
@@ -176,28 +174,47 @@ def trace(steps, starts, n, m, path):
         at -= 1
 
 
-@njit(cache=True, nogil=True)
-def warp_one(x, y, band, squared):
-    """Path (L, 2) and summed cost of two curves."""
-    n, m, channels = x.shape[0], y.shape[0], x.shape[1]
-    rows = max(channels, 4) if channels > 2 else channels
-    across, down = np.empty((rows, n + _PAD)), np.empty((rows, m + _PAD))
-    lay_out(x, False, across)
-    lay_out(y, True, down)
-    width = band_width(n, m, band)
-    buffers = np.empty((4, n + _PAD))
-    steps = np.empty(steps_size(n, m, width), np.uint8)
-    starts = np.empty((n + m) // 4 + 1, np.int64)
-    total = fill(
-        *(across, down, n, m, channels, width, squared),
-        *(buffers[0], buffers[1], buffers[2], buffers[3], steps, starts),
-    )
-    path = np.empty((n + m - 1, 2), np.int64)
-    start = trace(steps, starts, n, m, path)
-    return path[start:].copy(), total
+@njit(cache=True, nogil=True, error_model="numpy")
+def warp(xs, x_at, ys, y_at, first, last, band, squared, total, length, paths):
+    """Align each of xs number first to last - 1 with all M of ys.
+
+    xs (sum T, C), x_at (N + 1,) : curves one after another, and the row at which each starts; ys, y_at (M + 1,) too
+    total, length (last - first, M) : results, summed cost and number of cells
+    paths (last - first, M, longest, 2) int32 : results; longest >= n + m - 1; each path is at the end of its row
+    """
+    channels = xs.shape[1]
+    longest_x, longest_y = 0, 0
+    for a in range(first, last):
+        longest_x = max(longest_x, x_at[a + 1] - x_at[a])
+    for b in range(y_at.size - 1):
+        longest_y = max(longest_y, y_at[b + 1] - y_at[b])
+    stride_x, stride_y, rows = longest_x + PAD, longest_y + PAD, rows_of(channels)
+    across, down = np.empty(rows * stride_x), np.empty((y_at.size - 1) * rows * stride_y)
+    for b in range(y_at.size - 1):
+        lay_out(ys[y_at[b] : y_at[b + 1]], True, down, b * rows * stride_y, stride_y)
+    work = np.empty(4 * stride_x)
+    steps = np.empty(0, np.uint8)
+    starts = np.empty((longest_x + longest_y) // 4 + 1, np.int64)
+    n_before, m_before, width = 0, 0, -1
+    for a in range(first, last):
+        n = x_at[a + 1] - x_at[a]
+        lay_out(xs[x_at[a] : x_at[a + 1]], False, across, 0, stride_x)
+        for b in range(y_at.size - 1):
+            m = y_at[b + 1] - y_at[b]
+            if n != n_before or m != m_before:
+                n_before, m_before = n, m
+                width = band_width(n, m, band)
+                size = steps_size(n, m, width)
+                if size > steps.size:
+                    steps = np.empty(size, np.uint8)
+            total[a - first, b] = fill(
+                *(across, down, 0, b * rows * stride_y, stride_x, stride_y),
+                *(n, m, channels, width, squared, work, steps, starts),
+            )
+            length[a - first, b] = trace(steps, starts, n, m, paths[a - first, b])
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def directed(time_a, a, time_b, b, least):
     """Largest of the squared distances from each point of a to its nearest of b; points (time, values), times sorted.
 
@@ -235,7 +252,7 @@ def directed(time_a, a, time_b, b, least):
     return largest
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def lag_half_samples(x, y, path, weights):
     """Median of j - i along a path, each step weighted by how far both curves move in it; in half samples.
 
@@ -270,115 +287,30 @@ def lag_half_samples(x, y, path, weights):
     return 0.5 * (low + high) - 2 * (n - 1)
 
 
-@njit(cache=True, nogil=True)
-def compare_block(takes, take_at, ys, y_at, first, last, band, squared, shift, step, total, length, there, back, lag):
-    """All of takes first to last - 1 against all of ys: summed cost, path length, both Hausdorff distances, lag.
+@njit(cache=True, nogil=True, error_model="numpy")
+def measure(xs, x_at, ys, y_at, first, last, length, paths, shift, step, there, back, lag):
+    """Both Hausdorff distances of the aligned curves, and the lag, of the pairs that `warp` has aligned.
 
-    takes (sum T, C), take_at (N + 1,) : curves one after another, and where each starts; ys, y_at (M + 1,) likewise
-    shift (N, M) : time of the first sample of y less that of the take, in value units
+    shift (N, M) : time of the first sample of y less that of x, in value units
     step : time from sample to sample, in value units
-    total, length, there, back, lag (N, M) : results; lag in half samples, without the shift
+    there, back, lag (N, M) : results, rows first to last - 1; lag in half samples, without the shift
     """
-    channels = takes.shape[1]
-    longest_x, longest_y = 0, 0
+    channels, longest = xs.shape[1], paths.shape[2]
+    times, weights = np.empty(longest), np.empty(2 * longest + 2)
+    aligned_x, aligned_y = np.empty((longest, channels)), np.empty((longest, channels))
     for a in range(first, last):
-        longest_x = max(longest_x, take_at[a + 1] - take_at[a])
-    for b in range(y_at.size - 1):
-        longest_y = max(longest_y, y_at[b + 1] - y_at[b])
-    both = longest_x + longest_y
-    rows = max(channels, 4) if channels > 2 else channels
-    across, down = np.empty((rows, longest_x + _PAD)), np.empty((y_at.size - 1, rows, longest_y + _PAD))
-    for b in range(y_at.size - 1):
-        lay_out(ys[y_at[b] : y_at[b + 1]], True, down[b])
-    buffers = np.empty((4, longest_x + _PAD))
-    steps = np.empty(0, np.uint8)
-    starts = np.empty(both // 4 + 1, np.int64)
-    paths = np.empty((both, 2), np.int64)
-    times, weights = np.empty(both), np.empty(2 * both)
-    aligned_x, aligned_y = np.empty((both, channels)), np.empty((both, channels))
-    n_before, m_before, width = 0, 0, -1
-    for a in range(first, last):
-        x = takes[take_at[a] : take_at[a + 1]]
-        n = x.shape[0]
-        lay_out(x, False, across)
+        x = xs[x_at[a] : x_at[a + 1]]
         for b in range(y_at.size - 1):
             y = ys[y_at[b] : y_at[b + 1]]
-            m = y.shape[0]
-            if n != n_before or m != m_before:
-                n_before, m_before = n, m
-                width = band_width(n, m, band)
-                size = steps_size(n, m, width)
-                if size > steps.size:
-                    steps = np.empty(size, np.uint8)
-            total[a, b] = fill(
-                *(across, down[b], n, m, channels, width, squared),
-                *(buffers[0], buffers[1], buffers[2], buffers[3], steps, starts),
-            )
-            start = trace(steps, starts, n, m, paths)
-            path = paths[start : n + m - 1]
-            count = path.shape[0]
-            length[a, b] = count
+            count = length[a - first, b]
+            path = paths[a - first, b, longest - count :]
             for k in range(count):
                 i, j = path[k, 0], path[k, 1]
                 times[k] = 0.5 * (step * (i + j) + shift[a, b])
                 for c in range(channels):
                     aligned_x[k, c] = x[i, c]
                     aligned_y[k, c] = y[j, c]
-            there[a, b] = math.sqrt(directed(times[:count], aligned_x[:count], times[:count], aligned_y[:count], 0.0))
-            back[a, b] = math.sqrt(directed(times[:count], aligned_y[:count], times[:count], aligned_x[:count], 0.0))
+            time, p, q = times[:count], aligned_x[:count], aligned_y[:count]
+            there[a, b] = math.sqrt(directed(time, p, time, q, 0.0))
+            back[a, b] = math.sqrt(directed(time, q, time, p, 0.0))
             lag[a, b] = lag_half_samples(x, y, path, weights)
-
-
-@njit(cache=True, nogil=True)
-def barycentre(mean, takes, take_at, band, tolerance, costs, paths, lengths):
-    """Improve `mean` (T, C) in place by DTW barycentre averaging; return the number of costs found.
-
-    costs (iterations + 1,) : summed squared cost before each update, and of the result
-    paths (N, longest path, 2) int32, lengths (N,) : the result's path to each take
-    """
-    n, channels = mean.shape
-    longest = 0
-    for a in range(take_at.size - 1):
-        longest = max(longest, take_at[a + 1] - take_at[a])
-    rows = max(channels, 4) if channels > 2 else channels
-    across, down = np.empty((rows, n + _PAD)), np.empty((rows, longest + _PAD))
-    buffers = np.empty((4, n + _PAD))
-    steps = np.empty(0, np.uint8)
-    starts = np.empty((n + longest) // 4 + 1, np.int64)
-    path = np.empty((n + longest, 2), np.int64)
-    sums, counts = np.empty((n, channels)), np.empty(n)
-    for iteration in range(costs.size):
-        lay_out(mean, False, across)
-        sums[:, :] = 0.0
-        counts[:] = 0.0
-        costs[iteration] = 0.0
-        for a in range(take_at.size - 1):
-            y = takes[take_at[a] : take_at[a + 1]]
-            m = y.shape[0]
-            width = band_width(n, m, band)
-            size = steps_size(n, m, width)
-            if size > steps.size:
-                steps = np.empty(size, np.uint8)
-            lay_out(y, True, down)
-            costs[iteration] += fill(
-                *(across, down, n, m, channels, width, True),
-                *(buffers[0], buffers[1], buffers[2], buffers[3], steps, starts),
-            )
-            start = trace(steps, starts, n, m, path)
-            lengths[a] = n + m - 1 - start
-            for k in range(lengths[a]):
-                i, j = path[start + k, 0], path[start + k, 1]
-                paths[a, k, 0] = i
-                paths[a, k, 1] = j
-                counts[i] += 1.0
-                for c in range(channels):
-                    sums[i, c] += y[j, c]
-        done = iteration == costs.size - 1
-        if iteration > 0 and costs[iteration - 1] - costs[iteration] <= tolerance * costs[iteration - 1]:
-            done = True
-        if done:
-            return iteration + 1
-        for i in range(n):
-            for c in range(channels):
-                mean[i, c] = sums[i, c] / counts[i]
-    return costs.size

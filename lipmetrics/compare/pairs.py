@@ -12,7 +12,9 @@ from lipmetrics.compare import kernels
 from lipmetrics.compare.alignment import CLOCKS
 from lipmetrics.compare.curves import CHANNELS, Curve, even, nearest_name, thread_count
 from lipmetrics.compare.distances import SECONDS_PER_UNIT, check_seconds
-from lipmetrics.compare.warping import BAND, COST, check_settings, check_size, distance_of, per_step_of
+from lipmetrics.compare.warping import BAND, COST, best_paths, check_settings, check_size, distance_of, per_step_of
+
+BLOCK_BYTES = 2_000_000  # of paths kept at a time by each thread: within its cache, and long enough a piece of work
 
 
 @dataclass(frozen=True)
@@ -76,14 +78,16 @@ def pairs(
         shift = np.array([c.time_s[0] for c in second])[None, :] - np.array([c.time_s[0] for c in first])[:, None]
     total, there, back, lag = (np.empty(shape) for _ in range(4))
     steps = np.empty(shape, np.int64)
+    longest = int(np.diff(x_at).max() + np.diff(y_at).max())
 
     def block(start: int, stop: int) -> None:
-        kernels.compare_block(
-            *(xs, x_at, ys, y_at, start, stop, share, squared, shift * scale, scale / rate_hz),
-            *(total, steps, there, back, lag),
+        total[start:stop], steps[start:stop], paths = best_paths(xs, x_at, ys, y_at, start, stop, squared, share)
+        kernels.measure(
+            *(xs, x_at, ys, y_at, start, stop, steps[start:stop], paths),
+            *(shift * scale, scale / rate_hz, there, back, lag),
         )
 
-    in_threads(block, len(first), threads)
+    in_threads(block, len(first), max(1, BLOCK_BYTES // (8 * longest * len(second))), threads)
     sizes = np.diff(x_at)[:, None] + np.diff(y_at)[None, :]
     return Pairs(
         *(tuple(c.name for c in first), tuple(c.name for c in second)),
@@ -99,12 +103,13 @@ def pack(curves: Sequence[Curve]) -> tuple[np.ndarray, np.ndarray]:
     return np.ascontiguousarray(np.concatenate([curve.data for curve in curves])), at
 
 
-def in_threads(block, count: int, threads: int) -> None:
-    """Call block(start, stop) over 0 to count, in a few long pieces per thread."""
-    pieces = min(count, 4 * threads if threads > 1 else 1)
-    bounds = [count * piece // pieces for piece in range(pieces + 1)]
-    if threads == 1:
-        block(0, count)
+def in_threads(block, count: int, size: int, threads: int) -> None:
+    """Call block(start, stop) over 0 to count, in pieces of at most `size`."""
+    starts = range(0, count, size)
+    stops = [min(start + size, count) for start in starts]
+    if threads == 1 or len(starts) == 1:
+        for start, stop in zip(starts, stops, strict=True):
+            block(start, stop)
         return
     with ThreadPoolExecutor(threads) as pool:
-        list(pool.map(block, bounds[:-1], bounds[1:]))
+        list(pool.map(block, starts, stops))

@@ -51,8 +51,27 @@ def dtw_path(x, y, *, cost: str = COST, band: float | None = None) -> tuple[np.n
         raise InputError(f"expected the same number of channels in x and y, got {x.shape[1]} and {y.shape[1]}")
     squared, share = check_settings(cost, band)
     check_size(len(x), len(y), share)
-    path, total = kernels.warp_one(x, y, share, squared)
-    return path, distance_of(total, squared)
+    path, total = best_path(x, y, squared, share)
+    return path, float(distance_of(total, squared))
+
+
+def best_path(x: np.ndarray, y: np.ndarray, squared: bool, band: float) -> tuple[np.ndarray, float]:
+    """Path (L, 2) int64 and summed cost of two curves that were checked."""
+    totals, lengths, paths = best_paths(x, np.array([0, len(x)]), y, np.array([0, len(y)]), 0, 1, squared, band)
+    return paths[0, 0, -lengths[0, 0] :].astype(np.int64), float(totals[0, 0])
+
+
+def best_paths(xs, x_at, ys, y_at, first: int, last: int, squared: bool, band: float):
+    """Curves number first to last - 1 of xs against all M of ys, packed as `kernels.warp` takes them.
+
+    Returns summed costs (A, M), lengths (A, M), and paths (A, M, longest, 2) int32, each at the end of its row.
+    """
+    longest = int(np.diff(x_at[first : last + 1]).max() + np.diff(y_at).max())
+    shape = (last - first, len(y_at) - 1)
+    totals, lengths = np.empty(shape), np.empty(shape, np.int64)
+    paths = np.empty((*shape, longest, 2), np.int32)
+    kernels.warp(xs, x_at, ys, y_at, first, last, band, squared, totals, lengths, paths)
+    return totals, lengths, paths
 
 
 def check_settings(cost: str, band: float | None) -> tuple[bool, float]:

@@ -22,7 +22,7 @@ from lipmetrics.compare.warping import BAND, COST
 from lipmetrics.errors import InputError
 from lipmetrics.metrics import movement
 from lipmetrics.metrics.registry import HIGHER, LOWER, NONE, Metric
-from lipmetrics.takes import Take
+from lipmetrics.take import Take
 
 CHANNELS = ("width", "height", "area")
 

@@ -14,7 +14,9 @@ import numpy as np
 
 from lipmetrics.errors import InputError
 from lipmetrics.metrics.registry import NONE, Metric
-from lipmetrics.takes import Take
+from lipmetrics.take import Take
+
+_STILL = 0.01  # of the peak velocity counts as none: rounding must not lengthen a stroke
 
 
 @dataclass(frozen=True)
@@ -126,8 +128,8 @@ def closing_speed_v1(take: Take, settings: Settings = Settings()) -> float:
 def opening_stiffness_v1(take: Take, settings: Settings = Settings()) -> float:
     """Peak velocity of opening over the way of that stroke, 1/s: max h' / (h at its end - h at its start).
 
-    The stroke lasts as long as the slope keeps its sign around the peak. NaN where its way is under a tenth of the
-    greatest height (`Settings.onset_share`), which is no opening.
+    The stroke lasts as long as the slope around the peak is above a hundredth of it. NaN where its way is under a tenth
+    of the greatest height (`Settings.onset_share`), which is no opening.
 
     Source: Munhall, Ostry & Parush 1985: "ratio of maximum instantaneous velocity to movement amplitude, a kinematic
     index of mass-normalized stiffness".
@@ -227,7 +229,8 @@ def slopes(time_s: np.ndarray, values: np.ndarray, window_s: float) -> np.ndarra
             at = here[reach == n]
             around = at[:, None] + np.arange(-n, n + 1)
             dt = t[around] - t[around].mean(axis=1, keepdims=True)
-            out[start + at] = (dt * v[around]).sum(axis=1) / (dt**2).sum(axis=1)
+            dv = v[around] - v[around].mean(axis=1, keepdims=True)
+            out[start + at] = (dt * dv).sum(axis=1) / (dt**2).sum(axis=1)
     return out
 
 
@@ -241,10 +244,11 @@ def _peak(take: Take, settings: Settings, sign: int) -> tuple[float, float]:
     k = int(np.nanargmax(slope))
     if slope[k] <= 0:
         return 0.0, 0.0
+    moving = slope > _STILL * slope[k]  # False at both ends of a run, whose slopes are NaN
     first = last = k
-    while slope[first - 1] > 0:  # the slopes at both ends of a run are NaN
+    while moving[first - 1]:
         first -= 1
-    while slope[last + 1] > 0:
+    while moving[last + 1]:
         last += 1
     return float(slope[k]), float(height[last + 1] - height[first - 1])
 

@@ -22,9 +22,10 @@ from scipy.special import betainc
 from lipmetrics.errors import InputError
 from lipmetrics.metrics import movement
 from lipmetrics.metrics.registry import NONE, Metric
-from lipmetrics.takes import Take
+from lipmetrics.take import Take
 
 EVENT_COLUMNS = ("time_s", "event", "opening", "parents", "width", "width_before", "jump")
+_MOST_POINTS = 500  # of a zip: all pairs of them are looked at
 _NEEDED = ("time_s", "opening", "left", "right", "width", "area", "x", "event", "parents")
 
 
@@ -278,7 +279,7 @@ def onset_asymmetry_v1(take: Take | Opened, settings: Settings = Settings()) -> 
         return math.nan
     rows = opened.stroke(settings.fall_share)
     q = settings.side_share * max(-opened.left[rows].min(), opened.right[rows].max())
-    return _covered(opened, rows, -q) - _covered(opened, rows, q)
+    return _covered(opened, rows, -q) - _covered(opened, rows, q) + 0.0  # no minus zero
 
 
 def width_at_peak_v1(take: Take | Opened) -> float:
@@ -337,6 +338,9 @@ def _zip(opened: Opened, side: int, settings: Settings) -> tuple[float, float]:
     ends = [_crossing(time_s, share, k, limit) for k, limit in ((first, settings.zip_from), (last, settings.zip_to))]
     t = np.array([ends[0], *time_s[first:last], ends[1]])
     q = np.array([settings.zip_from, *share[first:last], settings.zip_to])
+    if len(t) > _MOST_POINTS:
+        few = np.linspace(0, len(t) - 1, _MOST_POINTS).round().astype(int)
+        t, q = t[few], q[few]
     i, j = np.triu_indices(len(t), 1)
     apart = t[j] > t[i]  # a share may be reached exactly on a frame, which then is there twice
     speed = float(np.median((q[j] - q[i])[apart] / (t[j] - t[i])[apart]) * way)

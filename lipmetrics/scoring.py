@@ -25,7 +25,7 @@ from lipmetrics.intervals import DRAWS, FEWEST_CLUSTERS, LEVEL, cluster_counts, 
 from lipmetrics.labels import Labels, labels_of_name
 from lipmetrics.measuring import ZERO, Measure, Measuring, all_measures
 from lipmetrics.metrics import HIGHER
-from lipmetrics.takes import CHANNELS, Take, same_unit
+from lipmetrics.take import CHANNELS, Take, same_unit
 
 ANY_UTTERANCE = "all takes"
 FEWEST_SPEAKERS = 5  # of a model: with fewer, models are compared by utterance

@@ -7,8 +7,8 @@ from lipmetrics.errors import InputError
 from lipmetrics.labels import Labels
 from lipmetrics.measuring import ZERO, Measure, Measuring
 from lipmetrics.metrics import HIGHER, LOWER
-from lipmetrics.score import Labelled, Settings, score
-from lipmetrics.takes import Take
+from lipmetrics.scoring import Labelled, Settings, score
+from lipmetrics.take import Take
 
 # A take is one number here, its height: distances can be worked by hand.
 NUMBER = Measuring(
