@@ -295,8 +295,7 @@ class _Scoring:
             among = np.full((n, n, k), np.nan)
             for i in range(n):
                 for j in range(i + 1, n):
-                    among[i, j] = self._pair(real[i], real[j])
-                    among[j, i] = self._turned(among[i, j])
+                    among[i, j] = among[j, i] = self._pair(real[i], real[j])  # only sizes count, not signs
                     done += 1
                     self.progress(done, pairs)
             self.among[u] = among
@@ -324,10 +323,6 @@ class _Scoring:
             if measure.of_pair:
                 out[k] = found.get(measure.name, math.nan)
         return out
-
-    def _turned(self, values: np.ndarray) -> np.ndarray:
-        signed = [not m.of_pair or m.better == ZERO for m in self.measuring.measures]
-        return np.where(signed, -values, values)
 
     def _unit(self, measure: Measure) -> str:
         return measure.unit if self.unit == "mw" else measure.unit.replace("mw", self.unit)

@@ -24,6 +24,7 @@ def test_names(path, pattern, expected):
     ("path", "pattern", "sentence"),
     [
         ("anna.mp4", "{speaker}_{utterance}", "expected a name like '{speaker}_{utterance}', got 'anna'"),
+        ("a_b_c", "{speaker}_{repeat}", "got 'a_b_c'"),
         ("a_b", "{speeker}_{utterance}", "did you mean {speaker}"),
         ("a_b", "{speaker}_{speaker}", "each once"),
         ("a_b", "{speaker}{utterance}", "something between"),
