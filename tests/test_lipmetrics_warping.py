@@ -81,7 +81,6 @@ def test_no_monotone_path_is_cheaper(n, m, band, cost):
 def test_example_worked_by_hand():
     """The table of least costs, filled by hand as in Mueller, Information Retrieval for Music and Motion (2007), 4.1.
 
-
     x = 1 3 9 2 1 (rows) against y = 2 0 0 8 7 2 (columns), absolute local cost.
     """
     sums = [
