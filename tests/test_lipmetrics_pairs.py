@@ -1,5 +1,7 @@
 """All pairs at once against pair after pair, recognition by the nearest, and parts of movements."""
 
+import itertools
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -145,7 +147,7 @@ def test_proposed_phases_of_a_known_movement():
     assert [region.label for region in regions] == ["onset", "opening", "hold", "closing"]
     bounds = [regions[0].start_s, *(region.end_s for region in regions)]
     assert bounds == pytest.approx([0.225, 0.30, 0.65, 1.30, 2.15], abs=0.011)
-    assert all(one.end_s == other.start_s for one, other in zip(regions, regions[1:], strict=False))
+    assert all(one.end_s == other.start_s for one, other in itertools.pairwise(regions))
     with pytest.raises(InputError, match="expected height to change, got 1 throughout"):
         propose_phases((time, np.ones(301)))
 
