@@ -5,11 +5,11 @@ Sides and orders are balanced by construction, not by chance; the seed only choo
 - sides: for every pair, and for every participant (also within each action), the two ways round differ by at most one,
   and are equal where the number is even. All trials are the edges of a graph between participants and pairs; an Euler
   circuit leaves every node as often as it enters it, and its direction says which video stands on the left.
-- orders, where everybody answers all pairs: rows of Latin squares, so that a pair's counts over the positions differ by
-  at most one. With an even number of pairs they are Williams' squares (E. J. Williams, Experimental designs balanced for
-  the estimation of residual effects of treatments, Australian Journal of Scientific Research A 2, 1949), where every pair
-  follows every other once in a full square; the second of each two participants has the reversed order of the first, so
-  that the mean position is the same for all pairs with every even number of participants.
+- orders, where everybody answers all pairs: rows of Latin squares, so that a pair's counts over the positions differ
+  by at most one. With an even number of pairs they are Williams' squares (E. J. Williams, Experimental designs balanced
+  for the estimation of residual effects of treatments, Australian Journal of Scientific Research A 2, 1949), where
+  every pair follows every other once in a full square; the second of each two participants has the reversed order of
+  the first, so that the mean position is the same for all pairs with every even number of participants.
 - orders, where everybody answers a part of the pairs (`bib`): a proper edge colouring (Koenig) of the same graph, whose
   colours are the positions; again the counts of a pair over the positions differ by at most one.
 """
@@ -419,8 +419,9 @@ def _orders_of_parts(parts: list[list[int]], pairs_n: int, rng: np.random.Genera
 def _sides(orders: list[list[int]], groups: list, rng: np.random.Generator) -> np.ndarray:
     """(participants, pairs) bool: the pair's first video is on the left; by the direction of Euler circuits.
 
-    Nodes are pairs, and participants within a group of pairs. Nodes of odd degree are joined by edges of no trial: those
-    of one participant to one node of theirs, so that the participant's total is balanced too, the rest to a last one.
+    Nodes are pairs, and participants within a group of pairs. Nodes of odd degree are joined by edges of no trial:
+    those of one participant to one node of theirs, so that the participant's total is balanced too, the rest to a last
+    one.
     """
     edges: list[tuple] = []
     for person, order in enumerate(orders):
@@ -498,7 +499,9 @@ def _spread(test: list[Trial], catch: list[Trial], rng: np.random.Generator) -> 
     """The catch trials in the session, one at a random place in each of as many equal stretches, never first."""
     trials = list(test)
     bounds = np.linspace(1, len(test), len(catch) + 1)
-    places = [int(rng.integers(math.ceil(a), max(math.ceil(b), math.ceil(a) + 1))) for a, b in itertools.pairwise(bounds)]
+    places = [
+        int(rng.integers(math.ceil(a), max(math.ceil(b), math.ceil(a) + 1))) for a, b in itertools.pairwise(bounds)
+    ]
     for place, one in sorted(zip(places, catch, strict=True), key=lambda item: -item[0]):
         trials.insert(place, one)
     return trials
@@ -551,7 +554,9 @@ def load_design(path: str | Path) -> Design:
         return design
     except OSError as error:
         reason = error.strerror or error
-        raise InputError(f"expected a design at {file}, but: {reason}; make one with 'lipmetrics study design'") from None
+        raise InputError(
+            f"expected a design at {file}, but: {reason}; make one with 'lipmetrics study design'"
+        ) from None
     except (ValueError, KeyError, TypeError) as error:
         if isinstance(error, InputError):
             raise

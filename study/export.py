@@ -36,11 +36,14 @@ DICTIONARY = {
     "watched_right_s": ("s", "how long the right video played, all showings together"),
     "start_drift_s": (
         "s",
-        "by how much the left video started later than the right one (negative: earlier) at the first showing, from the "
-        "times at which frames were shown; empty: the browser did not say",
+        "by how much the left video started later than the right one (negative: earlier) at the first showing, from "
+        "the times at which frames were shown; empty: the browser did not say",
     ),
     "stalls_n": ("", "how often a video ran dry, so that both had to wait or start anew"),
-    "loads_n": ("", "how often the page was loaded in this trial; above 1: after a reload, which starts the times anew"),
+    "loads_n": (
+        "",
+        "how often the page was loaded in this trial; above 1: after a reload, which starts the times anew",
+    ),
     "shown_width_px": ("px", "width of each video on the page, in CSS pixels"),
 }
 

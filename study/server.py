@@ -1,8 +1,8 @@
 """The web pages of a study: consent, instructions, trials, thanks, withdrawal; a Starlette application.
 
 A participant is known by a random key in a cookie, signed by the server: nobody can name another's. The server alone
-knows which trial comes next and what stands on which side; a browser says only left, right or no difference, and is told
-of the next pair only when the answer is on disk. Videos go by names that say nothing of what they are.
+knows which trial comes next and what stands on which side; a browser says only left, right or no difference, and is
+told of the next trial only when the answer is on disk. Videos go by names that say nothing of what they are.
 
 Needs the extra `web` (starlette, uvicorn).
 """
@@ -95,14 +95,18 @@ def open_study(folder: str | Path) -> Study:
     media, name_of = {}, {}
     for one in design.stimuli:
         if not one.file:
-            raise InputError(f"expected videos to serve, got the bare code {one.code}; make the design of a folder of videos")
+            raise InputError(
+                f"expected videos to serve, got the bare code {one.code}; make the design of a folder of videos"
+            )
         path = folder / one.file
         try:
             digest = hashlib.sha256(path.read_bytes()).hexdigest()
         except OSError as error:
             raise InputError(f"expected the video {path} of the design, but: {error.strerror or error}") from None
         if digest != one.sha256:
-            raise InputError(f"expected {path} as it was when the design was made, got another content; make a new design")
+            raise InputError(
+                f"expected {path} as it was when the design was made, got another content; make a new design"
+            )
         ending = path.suffix.lower()
         name = hashlib.blake2b(f"{design.identity} {one.code}".encode(), digest_size=12).hexdigest() + ending
         media[name], name_of[one.code] = path, name
@@ -384,7 +388,7 @@ class _Views:
     def astray(self, request: Request, session: Session | None) -> Response:
         """To where the session stands; who has none is told about cookies if the form has just been sent."""
         if session is None and request.url.path.endswith("/instructions") and COOKIE not in request.cookies:
-            return self.page(f"<p>{self.text('cookies')}</p>\n<p><a href=\"./\">{self.text('begin')}</a></p>", 400)
+            return self.page(f'<p>{self.text("cookies")}</p>\n<p><a href="./">{self.text("begin")}</a></p>', 400)
         if session is not None and session.state == DONE:
             return self.go("done")
         return self.go("./")

@@ -241,8 +241,8 @@ id_parameters = {id_parameters}
 completion_code = {completion_code}      # shown at the end
 completion_url = {completion_url}       # such as "https://app.prolific.com/submissions/complete?cc=..."
 
-abandoned_after_h = {abandoned_after_h}     # then an unfinished session gives its place away, if no other is left; 0 never
-shared_computer = {shared_computer}    # after the end the first page is there for the next participant, as in a laboratory
+abandoned_after_h = {abandoned_after_h}     # then an unfinished session gives its place away, if none is left; 0 never
+shared_computer = {shared_computer}    # after the end the first page is for the next participant, as in a laboratory
 database = {database}  # a file in this folder, or postgresql://user:password@host/name
 
 [texts]                      # take the # away and change the words

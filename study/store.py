@@ -1,8 +1,8 @@
 """Where answers are kept: a SQLite file, or PostgreSQL by its address.
 
-Every change is one transaction, on disk before the method returns. Each method may be called again after a lost reply:
-a session begins once per key, an answer is taken once per trial. Stored are random numbers, answers and what the study's
-settings name; of a session's key only the digest, so that who reads the database cannot act as a participant.
+Every change is one transaction, on disk before the method returns. Each method may be called again after a lost
+reply: a session begins once per key, an answer is taken once per trial. Stored are random numbers, answers and what the
+study's settings name; of a session's key only the digest, so that who reads the database cannot act as a participant.
 """
 
 from __future__ import annotations
@@ -334,7 +334,8 @@ class _Postgres:
             import psycopg
         except ImportError:
             raise InputError(
-                "expected the package psycopg for a postgresql:// database, found none; run: pip install 'psycopg[binary]'"
+                "expected the package psycopg for a postgresql:// database, found none; "
+                "run: pip install 'psycopg[binary]'"
             ) from None
         self._psycopg, self._address = psycopg, address
         try:
