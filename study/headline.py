@@ -81,9 +81,7 @@ def headline(
     layout = _Layout(person, item, persons_n, items_n)
     mean, parts = float(y.mean()), layout.variances(y[None] - null)[:, 0]
     variance = float(layout.weights @ parts)
-    rng = np.random.default_rng(seed)
-    chunk = max(1, 4_000_000 // len(y))
-    drawn = np.concatenate([_null_t2(layout, parts, min(chunk, draws - at), rng) for at in range(0, draws, chunk)])
+    drawn = layout.null_t2(parts, draws, np.random.default_rng(seed))
     t2 = _ratio((mean - null) ** 2, variance)
     p = float((1 + np.sum(drawn >= t2 * (1 - 1e-12))) / (draws + 1))
     # the k-th largest, so that p > 1 - level exactly where the interval holds the null
@@ -151,23 +149,34 @@ class _Layout:
 
     def variances(self, y: np.ndarray) -> np.ndarray:
         """(3, B) variances of person, pair and rest, not below 0, from y (B, N)."""
-        n = y.shape[1]
-        middle = y.sum(1) ** 2 / n
-        squares = (y**2).sum(1)
-        persons = ((y @ self.by_person) ** 2 / self.person_n).sum(1)
-        items = ((y @ self.by_item) ** 2 / self.item_n).sum(1)
-        found = self.solve @ np.stack([persons - middle, items - middle, squares - middle])
-        return np.maximum(found, 0)
+        return self._from_sums(y @ self.by_person, y @ self.by_item, (y**2).sum(1))
 
+    def null_t2(self, parts: np.ndarray, draws: int, rng: np.random.Generator) -> np.ndarray:
+        """(draws,) T^2 of normal answers with the variances `parts` (3,) and without a preference.
 
-def _null_t2(layout: _Layout, parts: np.ndarray, draws: int, rng: np.random.Generator) -> np.ndarray:
-    """(draws,) T^2 of normal answers without a preference."""
-    n, persons_n, items_n = layout.shape
-    person_sd, item_sd, rest_sd = np.sqrt(parts)
-    y = rng.normal(0, 1, (draws, n)) * rest_sd
-    y += (rng.normal(0, 1, (draws, persons_n)) * person_sd)[:, layout.person]
-    y += (rng.normal(0, 1, (draws, items_n)) * item_sd)[:, layout.item]
-    return _ratio(y.mean(1) ** 2, layout.weights @ layout.variances(y))
+        Only the part of y in the space of the sums over participants and pairs is drawn; of the rest, (N - R)
+        dimensions, only the sum of squares is needed.
+        """
+        n, persons_n, items_n = self.shape
+        both = np.hstack([self.by_person, self.by_item])
+        u, size, _ = np.linalg.svd(both, full_matrices=False)
+        basis = u[:, size > 1e-9 * size[0]]
+        rank = basis.shape[1]
+        sd = np.repeat(np.sqrt(parts[:2]), [persons_n, items_n])
+        y = rng.normal(0, 1, (draws, rank)) * np.sqrt(parts[2])
+        y += (rng.normal(0, 1, (draws, persons_n + items_n)) * sd) @ (both.T @ basis)
+        square = (y**2).sum(1)
+        if n > rank:
+            square += parts[2] * rng.chisquare(n - rank, draws)
+        sums = y @ (basis.T @ both)
+        by_person, by_item = sums[:, :persons_n], sums[:, persons_n:]
+        return _ratio((by_person.sum(1) / n) ** 2, self.weights @ self._from_sums(by_person, by_item, square))
+
+    def _from_sums(self, by_person: np.ndarray, by_item: np.ndarray, square: np.ndarray) -> np.ndarray:
+        middle = by_person.sum(1) ** 2 / self.shape[0]
+        persons = (by_person**2 / self.person_n).sum(1)
+        items = (by_item**2 / self.item_n).sum(1)
+        return np.maximum(self.solve @ np.stack([persons - middle, items - middle, square - middle]), 0)
 
 
 def _ratio(square, variance):
