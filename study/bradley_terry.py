@@ -5,8 +5,8 @@ With strength lambda_i (a log odds),
     P(i over j) = e^lambda_i / D,   P(tie) = nu e^((lambda_i + lambda_j) / 2) / D,
     D = e^lambda_i + e^lambda_j + nu e^((lambda_i + lambda_j) / 2)
 
-(Bradley and Terry, Biometrika 39, 1952; Davidson, Journal of the American Statistical Association 65, 1970). Without ties
-nu is 0. Intervals come from a bootstrap over participants.
+(Bradley and Terry, Biometrika 39, 1952; Davidson, Journal of the American Statistical Association 65, 1970). Without
+ties nu is 0. Intervals come from a bootstrap over participants.
 """
 
 from __future__ import annotations
@@ -171,7 +171,8 @@ def _check_connected(met: np.ndarray, levels: list) -> None:
     if not reached.all():
         apart = [str(level) for level, ok in zip(levels, reached, strict=True) if not ok]
         raise InputError(
-            f"expected every level to be compared with the others, got no trial that joins {', '.join(apart)} to {levels[0]}"
+            f"expected every level to be compared with the others, got no trial that joins {', '.join(apart)} to "
+            f"{levels[0]}"
         )
 
 

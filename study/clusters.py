@@ -89,8 +89,8 @@ def bootstrap_weights(persons_n: int, seed: int, n: int = BOOTSTRAPS) -> np.ndar
 def expanded_percentiles(drawn: np.ndarray, persons_n: int, level: float) -> tuple:
     """low and high of bootstrap values (B, ...), over the first axis; NaN with one participant.
 
-    The percentiles are taken further out than `level` says, as far as makes the interval of a mean as long as Student's:
-    plain percentiles are too narrow with few participants (Hesterberg, The American Statistician 69, 2015, section 5.3).
+    The percentiles are taken further out than `level` says, as far as makes the interval of a mean as long as
+    Student's: plain percentiles are too narrow with few participants (Hesterberg, The American Statistician 69, 2015).
     """
     if persons_n < 2:
         nothing = np.full(drawn.shape[1:], np.nan)

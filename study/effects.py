@@ -48,8 +48,8 @@ class Interaction:
     Parameters
     ----------
     factor, first, second : column and its two values
-    levels : one row per level: level, share_first, share_second (of its trials in which it was chosen), difference, low,
-        high, p, p_holm (mean over participants, Student's t)
+    levels : one row per level: level, share_first, share_second (of its trials in which it was chosen), difference,
+        low, high, p, p_holm (mean over participants, Student's t)
     p_levels : that no level's share changes (Hotelling's T^2 over participants)
     sticky : change of the share of levels above the least in trials against the least
     higher : change of the share of the higher level, all trials
@@ -151,7 +151,7 @@ def interaction(
     if table.empty:
         raise InputError(f"expected actions shown with {factor} {first} and with {factor} {second}, got none")
     shown = table.groupby("participant")["action"].nunique()
-    shown_each = table.groupby(["participant", factor])["action"].nunique().unstack(fill_value=0).min(axis=1)
+    shown_each = table.drop_duplicates(["participant", factor, "action"]).groupby("participant").size()
     whole = (shown == table["action"].nunique()) & (shown_each == shown_each.max())
     left_out = tuple(name for name in answers.participants if not whole.get(name, False))
     keep = ~table["participant"].isin(left_out)
