@@ -884,7 +884,7 @@ def advance(
             meeting += 1
             meet(arrived, threads, meeting)
         for part in range(first, last):
-            stats[parity, part, GLUE] += ease_film(film, nodes, part, keep)
+            stats[parity, part, GLUE] += ease_film(film, nodes, part, keep, dt)
         if film.divided:
             meeting += 1
             meet(arrived, threads, meeting)

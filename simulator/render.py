@@ -18,13 +18,14 @@ import cv2
 import numpy as np
 
 from simulator import raster, shade
-from simulator.aperture import SEEN_M, LipEdges, lip_edges, visible
+from simulator.aperture import SEEN_M, LipEdges, lip_edges, shown_positions, visible
 from simulator.camera import Camera
 from simulator.errors import InputError
 from simulator.inside import colours_of, jaw_matrix, rows_of, teeth_table, tongue_of
 from simulator.look import Look, to_linear, to_srgb
 from simulator.motion import BROKEN, INTACT, Motion
 from simulator.mouth import LIPS, SALIVA, Mouth
+from simulator.playback import states_at, values_at
 from simulator.stress import von_mises
 from simulator.texture import skin_texture
 from simulator.wording import choices, nearest
@@ -99,6 +100,7 @@ def _frames(motion, mouth, camera, look, times_s, frame_rate, mode, scalars, jaw
         tissue = mouth.group != SALIVA
         top = float(np.max(scalars[:, tissue] if scalars.shape[1] == len(tissue) else scalars)) or 1.0
     half = look.sensor.shutter / frame_rate / 2
+    states = None if motion.saliva is None else motion.saliva.of(mouth.saliva).state
 
     def draw(number: int) -> np.ndarray:
         time = times_s[number]
@@ -109,8 +111,8 @@ def _frames(motion, mouth, camera, look, times_s, frame_rate, mode, scalars, jaw
                 _at(motion.time_s, motion.positions, time + half),
             )
         state = None
-        if motion.saliva is not None:
-            state = motion.saliva.state[max(np.searchsorted(motion.time_s, time + 1e-9, side="right") - 1, 0)]
+        if states is not None:
+            state = states_at(motion.time_s, states, [_within(motion.time_s, time)])[0]
         return stage.draw(
             _at(motion.time_s, motion.positions, time),
             state=state,
@@ -185,7 +187,6 @@ class Stage:
 
     def __init__(self, mouth: Mouth, camera: Camera, look: Look, mode: str = "picture"):
         self.mouth, self.camera, self.look, self.mode = mouth, camera, look, mode
-        self.broken = np.full(len(mouth.saliva), BROKEN)
         self.rest_lips = self._lips(mouth.nodes)
         # from row and column to places along and across the mouth, as the truth has it, and back
         corners = camera.project(self.rest_lips[:, [0, -1], 0].mean(axis=0))
@@ -401,16 +402,14 @@ class Stage:
         """(2, S + 1, 2, 3) of the upper and the lower lip's edges, m, with the film between them."""
         return np.stack([np.asarray(positions)[nodes] for nodes in (self.mouth.upper, self.mouth.lower)])
 
-    def _edges(self, lips: np.ndarray, state: np.ndarray) -> LipEdges:
-        """Lips' edges (2, M, S + 1, 2, 3) as they are seen."""
-        return lip_edges(*lips, *self.rest_lips, np.broadcast_to(state, (lips.shape[1], len(state))))
+    def _edges(self, lips: np.ndarray, state: np.ndarray | None) -> LipEdges:
+        """Lips' edges (2, M, S + 1, 2, 3) as they are seen, see `lip_edges`."""
+        states = None if state is None else np.broadcast_to(state, (lips.shape[1], len(state)))
+        return lip_edges(*lips, *self.rest_lips, states)
 
     def _shown(self, positions: np.ndarray) -> np.ndarray:
-        """Positions (N, 3), m, with the lips' edges nearer to each other by the film, which belongs to the lips."""
-        edges = self._edges(self._lips(positions)[:, None], self.broken)
-        shown = np.array(positions, float)
-        shown[self.mouth.upper], shown[self.mouth.lower] = edges.upper[0], edges.lower[0]
-        return shown
+        """(N, 3) m, with the lips' edges where they are drawn."""
+        return shown_positions(self.mouth, np.asarray(positions)[None])[0]
 
     def _cover(self, canvas: dict, lips: np.ndarray, state: np.ndarray, clear: float) -> tuple[int, int, int, int]:
         """Fill hole and film: the mean over places of the lips' edges (2, M, S + 1, 2, 3); return a box around them.
@@ -425,7 +424,7 @@ class Stage:
         film[old[0] : old[1]] = 0
         low, high = np.full(2, np.inf), np.full(2, -np.inf)
         glued = bool((state == INTACT).any())
-        for layer, states in ((0, state), (1, self.broken)):
+        for layer, states in ((0, state), (1, None)):
             if layer == 1 and not glued:
                 continue
             edges = self._edges(lips, states)
@@ -619,16 +618,14 @@ def _rim(quads: np.ndarray) -> np.ndarray:
     return np.array(max(loops, key=len))
 
 
+def _within(time_s: np.ndarray, time: float) -> float:
+    """The saved time nearest to a time beyond all of them, else the time itself."""
+    return float(np.clip(time, time_s[0], time_s[-1]))
+
+
 def _at(time_s: np.ndarray, values: np.ndarray, time: float) -> np.ndarray:
     """Values (T, ...) at a time, linear between the saved ones, constant outside."""
-    after = int(np.clip(np.searchsorted(time_s, time), 1, max(len(time_s) - 1, 1)))
-    if len(time_s) == 1:
-        return values[0]
-    span = time_s[after] - time_s[after - 1]
-    share = min(max((time - time_s[after - 1]) / span, 0.0), 1.0)
-    if share in (0.0, 1.0):
-        return values[after - 1 + int(share)]
-    return values[after - 1] + share * (values[after] - values[after - 1])
+    return values_at(time_s, values, [_within(time_s, time)])[0]
 
 
 def _check(mode: str, mouth: Mouth, positions: np.ndarray, scalars, times: int) -> None:
