@@ -498,7 +498,12 @@ def serve(study: Study, listening, *, on_start=None) -> None:
     import uvicorn
 
     config = uvicorn.Config(
-        make_app(study), access_log=False, server_header=False, log_level="warning", lifespan="off", proxy_headers=True
+        make_app(study),
+        access_log=False,
+        server_header=False,
+        log_level="warning",
+        lifespan="off",
+        timeout_keep_alive=75,  # s: longer than people look at a pair
     )
     if on_start is not None:
         on_start()
