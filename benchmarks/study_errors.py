@@ -9,9 +9,8 @@ import argparse
 
 import numpy as np
 import pandas as pd
-from scipy import stats
-
 from results import machine, markdown, write_section
+from scipy import stats
 
 from study.headline import t2_complete
 from study.power import DRAWS, Scenario, p_values, sample_size, simulate
