@@ -10,10 +10,8 @@ sample. With y = 1 where a was chosen,
 where n_i are the answers of participant i, m_j those to pair j, and the three variances come from the sums of squares
 (analysis of variance estimators; Searle, Casella and McCulloch, Variance Components, 1992, chapter 5), negative ones
 set to 0. How T is distributed depends on the variances, and no table has it: it is found by drawing normal y of the
-same layout with the estimated variances (parametric bootstrap of a studentised statistic).
-benchmarks/study_errors.py measures the errors of the first kind and compares with the tests that were not taken: they
-leave 4 to 6 % where people or pairs differ, or where they do not. This one does so with fewer than 10 participants, or
-with few pairs.
+same layout with the estimated variances (parametric bootstrap of a studentised statistic). benchmarks/study_errors.py
+measures the errors of the first kind, and compares with the tests that were not taken.
 """
 
 from __future__ import annotations
