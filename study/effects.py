@@ -56,7 +56,7 @@ class Interaction:
     higher_sticky : the same, in trials among levels above the least
     matched_sticky, matched_higher, matched_higher_sticky : the same three in trials whose pair was shown under both
         values, tested over participants and pairs; None where nothing matches or too little does
-    left_out : participants without answers to all the actions of both values
+    left_out : participants who answered fewer of the actions than most, or under one value only
     """
 
     factor: str
@@ -78,9 +78,7 @@ def side_effect(answers: Answers, *, level: float = 0.95) -> ClusteredShare | No
     answers = answers.tests
     if not answers.sides_known:
         return None
-    table = answers.table
-    y = np.where(table["chosen"] == "", 0.5, (table["chosen"] == table["left"]).astype(float))
-    return clustered_share(choices_from(table, y), level=level)
+    return clustered_share(answers.left_chosen(), level=level)
 
 
 def position_effect(answers: Answers, a, b, *, level: float = 0.95) -> Effect | None:
@@ -104,17 +102,6 @@ def position_effect(answers: Answers, a, b, *, level: float = 0.95) -> Effect | 
             x = x - x.mean()
             slopes.append(x @ choices.y[mine] / (x @ x))
     return _mean(np.array(slopes), level)
-
-
-def higher_chosen(answers: Answers) -> Choices:
-    """y = 1 where the higher of the two levels was chosen, 0 for the lower, 0.5 for a tie; test trials."""
-    answers = answers.tests
-    rank = {value: i for i, value in enumerate(answers.levels)}
-    table = answers.table
-    left, right = (table[side].map(rank).to_numpy() for side in ("level_left", "level_right"))
-    table, left, right = table[left != right], left[left != right], right[left != right]
-    higher = np.where(left > right, table["left"], table["right"])
-    return choices_from(table, np.where(table["chosen"] == "", 0.5, (table["chosen"] == higher).astype(float)))
 
 
 def interaction(
@@ -150,9 +137,10 @@ def interaction(
         table, second_rows, home = (one[home.isin(shared)] for one in (table, second_rows, home))
     if table.empty:
         raise InputError(f"expected actions shown with {factor} {first} and with {factor} {second}, got none")
-    shown = table.groupby("participant")["action"].nunique()
-    shown_each = table.drop_duplicates(["participant", factor, "action"]).groupby("participant").size()
-    whole = (shown == table["action"].nunique()) & (shown_each == shown_each.max())
+    shown = table.drop_duplicates(["participant", factor, "action"]).groupby("participant").size()
+    whole = shown == shown.max()
+    if whole.mean() < 0.5:  # a design in which everybody sees a part: who saw both values will do
+        whole = table.groupby("participant")[factor].agg(lambda values: len(values.unique()) == 2)
     left_out = tuple(name for name in answers.participants if not whole.get(name, False))
     keep = ~table["participant"].isin(left_out)
     table, second_rows, home = table[keep], second_rows[keep], home[keep]
@@ -162,8 +150,8 @@ def interaction(
     sticky, least = answers.sticky()
     sides = {
         "sticky": part.choices(sticky, least),
-        "higher": higher_chosen(part),
-        "higher_sticky": higher_chosen(part.where(level=sticky)) if len(sticky) > 1 else None,
+        "higher": part.higher_chosen(),
+        "higher_sticky": part.where(level=sticky).higher_chosen() if len(sticky) > 1 else None,
     }
     effects, matched = {}, {}
     for name, choices in sides.items():
@@ -257,7 +245,7 @@ def hotelling_p(x: np.ndarray) -> float:
     values, vectors = np.linalg.eigh(np.cov(x, rowvar=False).reshape(x.shape[1], -1))
     keep = values > 1e-9 * max(values.max(), 1e-300)
     rows_n, columns_n = len(x), int(keep.sum())
-    if rows_n <= columns_n or not columns_n:
+    if rows_n <= x.shape[1] or not columns_n:
         return np.nan
     mean = x.mean(0) @ vectors[:, keep]
     t2 = rows_n * (mean**2 / values[keep]).sum()
