@@ -162,7 +162,8 @@ class Loads(NamedTuple):
     face_force: np.ndarray
 
 
-# What only compiled code calls needs no door for Python, nor one for C, which cost a quarter of the compilation.
+# What only compiled code calls needs no door for Python, nor one for C; they took a quarter of the time to compile.
+# Called from Python, such a function ends the process.
 _outer = njit(cache=True, nogil=True, no_cfunc_wrapper=True)
 _inner = njit(no_cpython_wrapper=True, no_cfunc_wrapper=True)
 _inlined = njit(forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
