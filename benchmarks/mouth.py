@@ -148,7 +148,7 @@ def _inertia_passes(glue, nodes, steps):
     work = 0.0
     for _ in range(steps):
         for part in range(nodes.forces.shape[0]):
-            work += film.ease_film(glue, nodes, part, 1.0)
+            work += film.ease_film(glue, nodes, part, 1.0, 1e-5)
     return work
 
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lipmetrics.compare import Alignment, Average, Region
-from lipmetrics.compare.alignment import radius_s
+from lipmetrics.compare.kernels import band_width
 from lipmetrics.take import Take
 
 if TYPE_CHECKING:
@@ -80,11 +80,13 @@ def path_png(match: Alignment) -> bytes:
         square, late = figure.subplots(1, 2, width_ratios=(1, 1.25))
         times = match.times_s
         first, second = match.a.time_s, match.b.time_s
-        radius = radius_s(len(first), len(second), match.band, match.rate_hz)
         ends = np.array([[first[0], second[0]], [first[-1], second[-1]]])
-        if math.isfinite(radius):
-            x = ends[:, 0]
-            square.fill_between(x, ends[:, 1] - radius, ends[:, 1] + radius, color="#eef1f5", label="band")
+        radius = -1 if match.band is None else band_width(len(first), len(second), match.band)
+        if radius >= 0:
+            i, longer = np.arange(len(first)), len(second) - len(first)
+            low, high = i - radius + min(0, longer), i + radius + max(0, longer)
+            band = (second[0] + j / match.rate_hz for j in (low, high))
+            square.fill_between(first, *band, color="#eef1f5", label="band")
         square.plot(*ends.T, color="#999999", linewidth=0.8, linestyle=(0, (4, 3)), label="same tempo")
         square.plot(*times.T, color="#333333", linewidth=1.6, label="path")
         square.set(xlabel=f"{match.a.name}: time (s)", ylabel=f"{match.b.name}: time (s)")

@@ -6,7 +6,6 @@ between the saved states, so the frame rate is free of the time step. How to loa
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import math
 import struct
@@ -22,8 +21,9 @@ from simulator.errors import InputError
 from simulator.materials import Material
 from simulator.motion import Motion
 from simulator.mouth import GROUPS, LIPS, SALIVA, SKIN, Mouth
+from simulator.playback import at_times, frame_times
 from simulator.stress import TISSUE, von_mises
-from simulator.surface import Surface, at_times, between, display_frames, display_surface, vertex_normals
+from simulator.surface import Surface, display_frames, display_surface, vertex_normals
 from simulator.wording import choices, nearest
 
 KINDS = ("modes", "shapes")
@@ -78,7 +78,7 @@ def write_obj_sequence(
     """
     path = _ending(path, ".obj")
     surface = display_surface(mouth)
-    frames = display_frames(mouth, motion, _times(motion, times_s))
+    frames = display_frames(mouth, motion, frame_times(motion, times_s))
     files = [path.with_name(f"{path.stem}_{number:05d}.obj") for number in range(len(frames))]
     materials = path.with_suffix(".mtl")
     _write_mtl(materials)
@@ -109,7 +109,7 @@ def write_pc2(
     InputError : times beyond the motion, or a place that cannot be written to
     """
     path = _ending(path, ".pc2")
-    frames = display_frames(mouth, motion, _times(motion, times_s))
+    frames = display_frames(mouth, motion, frame_times(motion, times_s))
     base, materials = path.with_suffix(".obj"), path.with_suffix(".mtl")
     _write_mtl(materials)
     _write_obj(base, frames[0], display_surface(mouth), materials.name, False)
@@ -153,11 +153,10 @@ def write_gltf(
         raise InputError(f"expected a kind of morph targets of {choices(KINDS)}, got {nearest(kind, KINDS)}")
     if not (isinstance(error_m, int | float) and 1e-7 <= error_m < math.inf):
         raise InputError(f"expected error_m of 1e-7 m or more, got {error_m!r}")
-    times_s = _times(motion, times_s)
+    times_s = frame_times(motion, times_s)
     surface = display_surface(mouth)
     frames = display_frames(mouth, motion, times_s)
-    morph = (_modes if kind == "modes" else _shapes)(frames, times_s, error_m)
-    morph = dataclasses.replace(morph, error_m=_largest(frames - morph.positions()))
+    morph = _modes(frames, error_m) if kind == "modes" else _shapes(frames, times_s, error_m)
     turned = vertex_normals(frames, surface.quads) if normals else None
     with whole_file(path) as part:
         part.write_bytes(_glb(surface, morph, times_s - times_s[0], turned))
@@ -173,7 +172,8 @@ def write_paraview(
     material: Material = TISSUE,
     tick: Callable[[Sequence], Sequence] = lambda frames: frames,
 ) -> list[Path]:
-    """Write the hexahedra for ParaView with what is known of each of them; see `export.write_vtk`.
+    """Write the hexahedra for ParaView with what is known of each of them; see `export.write_vtk`. They are as
+    they were solved: the film of saliva keeps its thickness, and the lips' edges are not where they are drawn.
 
     Cell data: `group` (0 skin, 1 lips, 2 saliva), `von_mises` (Pa; NaN in the saliva) and, where the motion has a
     record of the saliva, `saliva_state` (0 intact, 1 broken, 2 sticking; -1 in the tissue), `stretch` and `moisture`
@@ -195,30 +195,21 @@ def write_paraview(
     InputError : times beyond the motion, or a place that cannot be written to
     """
     path = _ending(path, ".pvd")
-    times_s = _times(motion, times_s)
-    before, _ = between(motion.time_s, times_s)
-    positions = at_times(motion.time_s, motion.positions, times_s)
+    times_s = frame_times(motion, times_s)
+    frames = at_times(motion, times_s)
     shape = (len(times_s), len(mouth.elements))
-    stress = von_mises(mouth, positions, material)
+    stress = von_mises(mouth, frames.positions, material)
     stress[:, mouth.group == SALIVA] = np.nan
     cells = {"group": np.broadcast_to(mouth.group.astype(np.int8), shape), "von_mises": stress}
-    if motion.saliva is not None:
-        record = motion.saliva
+    if frames.saliva is not None:
+        record = frames.saliva
         state = np.full(shape, -1, np.int8)
-        state[:, record.elements] = record.state[before]
+        state[:, record.elements] = record.state
         cells["saliva_state"] = state
         for name in ("stretch", "moisture"):
             cells[name] = np.full(shape, np.nan)
-            cells[name][:, record.elements] = at_times(motion.time_s, getattr(record, name), times_s)
-    velocities = None if motion.velocities is None else at_times(motion.time_s, motion.velocities, times_s)
-    sampled = dataclasses.replace(
-        motion, time_s=times_s, positions=positions, velocities=velocities, energies={}, saliva=None
-    )
-    return export.write_states(path, sampled, mouth.elements, "H8", cells, tick)
-
-
-def _times(motion: Motion, times_s: np.ndarray | None) -> np.ndarray:
-    return np.asarray(motion.time_s if times_s is None else times_s, float)
+            cells[name][:, record.elements] = getattr(record, name)
+    return export.write_states(path, frames, mouth.elements, "H8", cells, tick)
 
 
 def _ending(path: str | Path, ending: str) -> Path:
@@ -261,20 +252,18 @@ def _write_mtl(path: Path) -> None:
 
 @dataclass(frozen=True, eq=False)
 class _Morph:
-    """base (V, 3) and targets (K, V, 3), m, weights (F, K), all float32 as they are stored; names of the targets."""
+    """base (V, 3) and targets (K, V, 3), m, weights (F, K), all float32 as they are stored; names of the targets; the
+    largest distance of a vertex from its place, m.
+    """
 
     base: np.ndarray
     targets: np.ndarray
     weights: np.ndarray
     names: list[str]
-    error_m: float = 0.0
-
-    def positions(self) -> np.ndarray:
-        """(F, V, 3) m."""
-        return self.base + np.einsum("fk,kvx->fvx", self.weights.astype(float), self.targets)
+    error_m: float
 
 
-def _modes(frames: np.ndarray, times_s: np.ndarray, error_m: float) -> _Morph:
+def _modes(frames: np.ndarray, error_m: float) -> _Morph:
     """Principal components of the way from the first frame; each weight reaches 1 or -1."""
     base = frames[0].astype(np.float32)
     way = (frames - base).reshape(len(frames), -1)
@@ -317,11 +306,11 @@ def _shapes(frames: np.ndarray, times_s: np.ndarray, error_m: float) -> _Morph:
 def _stacked(frames, base, targets, weights, names, error_m) -> _Morph:
     targets = np.array(targets, np.float32).reshape(-1, *base.shape)
     weights = np.array(weights, np.float32).reshape(-1, len(frames)).T
-    morph = _Morph(base, targets, weights, names)
-    error = _largest(frames - morph.positions())
+    played = base + np.einsum("fk,kvx->fvx", weights.astype(float), targets)  # what a program makes of the file
+    error = _largest(frames - played)
     if error > error_m:
         raise InputError(f"expected an error_m that single precision can keep, {error:.2g} m or more, got {error_m:g}")
-    return morph
+    return _Morph(base, targets, weights, names, error)
 
 
 def _largest(way: np.ndarray) -> float:

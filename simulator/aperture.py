@@ -12,7 +12,9 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
+from simulator.errors import InputError
 from simulator.motion import INTACT
+from simulator.mouth import Mouth
 
 # Saliva that stays on the lips when the film between them parts, half of it on each (0.07 to 0.1 mm: thesis 3.6.1).
 # It hides the last of the gap, so that an opening grows steadily and not by whole elements.
@@ -53,7 +55,11 @@ class Pieces(NamedTuple):
 
 
 def lip_edges(
-    upper: np.ndarray, lower: np.ndarray, rest_upper: np.ndarray, rest_lower: np.ndarray, state: np.ndarray
+    upper: np.ndarray,
+    lower: np.ndarray,
+    rest_upper: np.ndarray,
+    rest_lower: np.ndarray,
+    state: np.ndarray | None = None,
 ) -> LipEdges:
     """Take the film out of the gap, and close the lips where the saliva is intact.
 
@@ -66,14 +72,15 @@ def lip_edges(
     ----------
     upper, lower : (T, C, 2, 3) nodes of the lips' edges, m
     rest_upper, rest_lower : (C, 2, 3) the same at rest, m
-    state : (T, C - 1) of the saliva's elements; 0 is intact
+    state : (T, C - 1) of the saliva's elements; 0 is intact. None takes none as intact: this is where the edges are
+        drawn, with stretched saliva between them
     """
     rest = rest_upper - rest_lower
     rest_m = np.linalg.norm(rest, axis=-1)
     across = upper - lower
     distance = np.linalg.norm(across, axis=-1)
     passed = np.einsum("tcei,cei->tce", across, rest) <= 0
-    intact = state == INTACT
+    intact = np.zeros((len(upper), upper.shape[1] - 1), bool) if state is None else state == INTACT
     tied = np.zeros(distance.shape[:2], bool)
     tied[:, :-1] |= intact
     tied[:, 1:] |= intact
@@ -85,6 +92,36 @@ def lip_edges(
     gap_m = gap.min(axis=2)  # closed inside or outside is closed
     loose = ~intact & (np.maximum(gap_m[:, :-1], gap_m[:, 1:]) > SEEN_M)
     return LipEdges(middle + half, middle - half, gap_m, loose)
+
+
+def mouth_edges(mouth: Mouth, positions: np.ndarray, state: np.ndarray | None = None) -> LipEdges:
+    """`lip_edges` of a mouth whose nodes are at positions (T, N, 3), m.
+
+    Raises
+    ------
+    InputError : a shape that does not fit
+    """
+    positions = np.asarray(positions)
+    if positions.ndim != 3 or positions.shape[1:] != mouth.nodes.shape:
+        raise InputError(f"expected positions of shape (T, {len(mouth.nodes)}, 3), got {positions.shape}")
+    upper, lower = mouth.upper, mouth.lower
+    return lip_edges(positions[:, upper], positions[:, lower], mouth.nodes[upper], mouth.nodes[lower], state)
+
+
+def shown_positions(mouth: Mouth, positions: np.ndarray) -> np.ndarray:
+    """(T, N, 3) m, the positions with the lips' edges where they are drawn: nearer to each other by film and coat.
+
+    Pictures, the viewer and files for animators all have the edges here, so that what gapes in them is as high as the
+    truth says.
+
+    Raises
+    ------
+    InputError : a shape that does not fit
+    """
+    edges = mouth_edges(mouth, positions)
+    shown = np.array(positions, float)
+    shown[:, mouth.upper], shown[:, mouth.lower] = edges.upper, edges.lower
+    return shown
 
 
 def runs(loose: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -202,7 +202,8 @@ def film_arrays(model: Model, parts: Partition) -> tuple[film.Film, np.ndarray]:
     memory = np.zeros((len(order), film.MEMORY))
     memory[:, [film.Q_NOW, film.Z_NOW]] = 1.0
     memory[:, film.MOISTURE_NOW] = saliva.moisture[order]
-    memory[:, film.OFFSET : film.AXES] = np.einsum("skj,saj->ska", strut, tangents).reshape(len(order), 8)
+    lies = np.concatenate([np.einsum("skj,saj->ska", strut, tangents), np.zeros((len(order), 4, 1))], axis=2)
+    memory[:, film.REST : film.AXES] = lies.reshape(len(order), 12)
     shear, bulk = (
         np.array([getattr(one, name) for one in model.materials])[model.material_of[saliva.elements[order]]]
         for name in ("shear_pa", "bulk_pa")

@@ -16,20 +16,23 @@ from numba import njit
 
 from simulator.motion import BROKEN, INTACT, STICKING
 
-TOUCHING = 1.0001  # mean normal stretch up to which a broken element counts as back at rest (thesis 3.5.4)
+TOUCHING = 1.01  # mean normal stretch up to which lips lie on each other, and a broken element sticks again
+FADED = 0.01  # share of the force it broke with up to which it may
+SETTLING = 5.0  # the rest of an element that sticks again follows the lips with 1 / 5 of the ramp as time constant
+VISCOUS_S = 1e-4  # retardation time: the force of the film's viscosity is that of its stiffness at this age
 FLATTEST = 0.05  # normal stretch below which the law goes on along its tangent in the powers of J
 INERTIA = 0.5  # from 1/4 on the film limits no time step
 NEAR = 2.0  # normal stretch from which on lips do not meet within a step
 GONE = 1e-12  # share of its force below which a broken element has none
 
 # What an element remembers: its state, time in that state (s), share left of the frozen forces, Q, Z, moisture, then
-# per strut the last force (3, N), the force at the break (3, N), and where it is at rest along the film (2); the last
-# forces on the axes A and B (6), 1 where all last forces are 0, the normal, and per strut its stiffness
-# (N/m), whether it has it now, and J.
+# per strut the last force (3, N), the force at the break (3, N), and where it is at rest: along the film (2) and how
+# far open; the last forces on the axes A and B (6), 1 where all last forces are 0, the normal, and per strut its
+# stiffness (N/m), whether it has it now, and J.
 STATE, SINCE, LEFT, Q_NOW, Z_NOW, MOISTURE_NOW, LAST = 0, 1, 2, 3, 4, 5, 6
-FROZEN, OFFSET, AXES = LAST + 12, LAST + 24, LAST + 32
-RESTS, NORMAL, STIFF, HOLDS, STRETCH = LAST + 38, LAST + 39, LAST + 42, LAST + 46, LAST + 50
-MEMORY = LAST + 54
+FROZEN, REST, AXES = LAST + 12, LAST + 24, LAST + 36
+IDLE, NORMAL, STIFF, HOLDS, STRETCH = LAST + 42, LAST + 43, LAST + 46, LAST + 50, LAST + 54
+MEMORY = LAST + 58
 
 
 class Film(NamedTuple):
@@ -111,6 +114,7 @@ def pull_film(film, nodes, part, elapsed, dt):
     du, own, memory = nodes.du, nodes.forces[part], film.memory
     fade = np.exp(-dt / film.times[0])
     ramp = film.times[1]
+    settled = 1.0 - np.exp(-SETTLING * dt / ramp)
     work = 0.0
     k_0, k_1, k_2, k_3 = np.intp(0), np.intp(1), np.intp(2), np.intp(3)  # not literals: those compile four times over
     for f in range(np.uintp(film.starts[part]), np.uintp(film.starts[part + 1])):
@@ -125,35 +129,38 @@ def pull_film(film, nodes, part, elapsed, dt):
         a, n = _times(1.0 / length_A, A), _times(1.0 / np.sqrt(_dot(n, n)), n)
         b = _cross(n, a)
 
-        # Stretch across the film and shear along a and b, of each strut and on average.
         c_0, c_1 = 1.0 / film.slant[f, 0], 1.0 / film.slant[f, 1]
         c_2, c_3 = 1.0 / film.slant[f, 2], 1.0 / film.slant[f, 3]
         J_0, J_1, J_2, J_3 = c_0 * _dot(n, e_0), c_1 * _dot(n, e_1), c_2 * _dot(n, e_2), c_3 * _dot(n, e_3)
-        a_0, b_0 = _slip(memory, f, k_0, c_0, a, b, e_0)
-        a_1, b_1 = _slip(memory, f, k_1, c_1, a, b, e_1)
-        a_2, b_2 = _slip(memory, f, k_2, c_2, a, b, e_2)
-        a_3, b_3 = _slip(memory, f, k_3, c_3, a, b, e_3)
-        mean_J = 0.25 * ((J_0 + J_1) + (J_2 + J_3))
-        mean_a, mean_b = 0.25 * ((a_0 + a_1) + (a_2 + a_3)), 0.25 * ((b_0 + b_1) + (b_2 + b_3))
-        Q = mean_J * mean_J + mean_a * mean_a + mean_b * mean_b
         moisture = max(0.0, film.moisture[f] - film.drying[f] * elapsed)
         Z = 1.0 if moisture > 1.0 else 1.0 + film.strength[f] * moisture
 
+        # What sticks again is at rest where the lips lie by the time it has set.
         state, since, left = memory[f, STATE], memory[f, SINCE] + dt, memory[f, LEFT]
-        if state == BROKEN:
+        if state != INTACT:
             left = left * fade if left > GONE else 0.0
-            if Z > 1.0 and mean_J <= TOUCHING:
-                state, since = STICKING, 0.0
-                a_0, b_0 = _lie(memory, f, k_0, a, b, e_0)
-                a_1, b_1 = _lie(memory, f, k_1, a, b, e_1)
-                a_2, b_2 = _lie(memory, f, k_2, a, b, e_2)
-                a_3, b_3 = _lie(memory, f, k_3, a, b, e_3)
-                Q = mean_J * mean_J
-        elif Q >= Z:
+            follows = settled
+            if state == BROKEN and left <= FADED and Z > 1.0 and 0.25 * ((J_0 + J_1) + (J_2 + J_3)) <= TOUCHING:
+                state, since, follows = STICKING, 0.0, 1.0
+            if state == STICKING:
+                _settle(memory, f, k_0, a, b, e_0, J_0, follows)
+                _settle(memory, f, k_1, a, b, e_1, J_1, follows)
+                _settle(memory, f, k_2, a, b, e_2, J_2, follows)
+                _settle(memory, f, k_3, a, b, e_3, J_3, follows)
+
+        # Stretch of the glue across the film and shear along a and b, of each strut and on average.
+        a_0, b_0, glue_0 = _stretch(memory, f, k_0, c_0, a, b, e_0, J_0)
+        a_1, b_1, glue_1 = _stretch(memory, f, k_1, c_1, a, b, e_1, J_1)
+        a_2, b_2, glue_2 = _stretch(memory, f, k_2, c_2, a, b, e_2, J_2)
+        a_3, b_3, glue_3 = _stretch(memory, f, k_3, c_3, a, b, e_3, J_3)
+        mean_a, mean_b = 0.25 * ((a_0 + a_1) + (a_2 + a_3)), 0.25 * ((b_0 + b_1) + (b_2 + b_3))
+        mean_glue = 0.25 * ((glue_0 + glue_1) + (glue_2 + glue_3))
+        Q = mean_glue * mean_glue + mean_a * mean_a + mean_b * mean_b
+        if state != BROKEN and Q >= Z:
             state, since, left = BROKEN, 0.0, 1.0
             _freeze(memory, f, n)
         elif state == STICKING and since >= ramp:
-            state = INTACT
+            state, left = INTACT, 0.0
         memory[f, STATE], memory[f, SINCE], memory[f, LEFT] = state, since, left
         memory[f, Q_NOW], memory[f, Z_NOW], memory[f, MOISTURE_NOW] = Q, Z, moisture
 
@@ -165,21 +172,19 @@ def pull_film(film, nodes, part, elapsed, dt):
             share = since / ramp
         elif state == BROKEN:
             share = 0.0
-            if left == 0.0 and memory[f, RESTS] == 1.0 and min(min(J_0, J_1), min(J_2, J_3)) >= 1.0:
+            if left == 0.0 and memory[f, IDLE] == 1.0 and min(min(J_0, J_1), min(J_2, J_3)) >= 1.0:
                 continue  # open: there was no force and there is none
-        else:
-            left = 0.0
         G, K, area = film.shear[f], film.bulk[f], film.area[f]
-        across_0, along_0, aside_0, stiff_0 = _tractions(J_0, a_0, b_0, share, G, K, area)
+        across_0, along_0, aside_0, stiff_0 = _tractions(J_0, glue_0, a_0, b_0, share, G, K, area)
         memory[f, STIFF + 0] = stiff_0 * c_0 / film.length[f, 0]
         memory[f, HOLDS + 0] = 1.0 if share > 0.0 or J_0 < 1.0 else 0.0
-        across_1, along_1, aside_1, stiff_1 = _tractions(J_1, a_1, b_1, share, G, K, area)
+        across_1, along_1, aside_1, stiff_1 = _tractions(J_1, glue_1, a_1, b_1, share, G, K, area)
         memory[f, STIFF + 1] = stiff_1 * c_1 / film.length[f, 1]
         memory[f, HOLDS + 1] = 1.0 if share > 0.0 or J_1 < 1.0 else 0.0
-        across_2, along_2, aside_2, stiff_2 = _tractions(J_2, a_2, b_2, share, G, K, area)
+        across_2, along_2, aside_2, stiff_2 = _tractions(J_2, glue_2, a_2, b_2, share, G, K, area)
         memory[f, STIFF + 2] = stiff_2 * c_2 / film.length[f, 2]
         memory[f, HOLDS + 2] = 1.0 if share > 0.0 or J_2 < 1.0 else 0.0
-        across_3, along_3, aside_3, stiff_3 = _tractions(J_3, a_3, b_3, share, G, K, area)
+        across_3, along_3, aside_3, stiff_3 = _tractions(J_3, glue_3, a_3, b_3, share, G, K, area)
         memory[f, STIFF + 3] = stiff_3 * c_3 / film.length[f, 3]
         memory[f, HOLDS + 3] = 1.0 if share > 0.0 or J_3 < 1.0 else 0.0
         # Moments that go with the turning of the axes.
@@ -207,22 +212,24 @@ def pull_film(film, nodes, part, elapsed, dt):
         work += _add_forces(film, memory, own, du, f, k_3, force_3, _times(-1.0, other), _times(-1.0, other_mean))
         memory[f, AXES], memory[f, AXES + 1], memory[f, AXES + 2] = f_A
         memory[f, AXES + 3], memory[f, AXES + 4], memory[f, AXES + 5] = f_B
-        memory[f, RESTS] = 1.0 if share == 0.0 and left == 0.0 and min(min(J_0, J_1), min(J_2, J_3)) >= 1.0 else 0.0
+        memory[f, IDLE] = 1.0 if share == 0.0 and left == 0.0 and min(min(J_0, J_1), min(J_2, J_3)) >= 1.0 else 0.0
     return work
 
 
 @njit
-def ease_film(film, nodes, part, keep):
+def ease_film(film, nodes, part, keep, dt):
     """Give the two ends of stiff struts inertia against moving relative to each other; return what it takes, J.
 
     With M + B dt^2 k in place of the mass M, k the stiffness of the struts and B `INERTIA`, their frequency stays below
     1 / (sqrt(B) dt) whatever the step. Ends that would meet within the step share their momentum with the inertia that
-    this adds, so that they neither overlap by much nor bounce; where they part it is dropped. Both take energy, and
-    never give any. All is written as equal and opposite forces on the ends, which hold the sum of all parts' forces.
+    this adds, so that they neither overlap by much nor bounce; where they part it is dropped. The film's viscosity,
+    `VISCOUS_S` k against the speed of the ends, makes what rings in it die out. All of them take energy, and never give
+    any; all is written as equal and opposite forces on the ends, which hold the sum of all parts' forces.
 
-    keep : as in kernels.advance
+    keep, dt : as in kernels.advance
     """
     du, memory, own, four = nodes.du, film.memory, nodes.forces[part], np.uintp(4)
+    viscosity = VISCOUS_S / (INERTIA * dt)
     work = 0.0
     for d in range(np.uintp(film.pair_starts[part]), np.uintp(film.pair_starts[part + 1])):
         low, up = film.pair_lower[d], film.pair_upper[d]
@@ -254,9 +261,11 @@ def ease_film(film, nodes, part, keep):
             shared = moved_i
             if added > before:
                 shared *= (1.0 + before * compliance) / (1.0 + added * compliance)
-            # The increments' difference without and with the added inertia, and the force that makes up for it.
+            # The increments' difference without and with inertia and viscosity, and the force that makes up for it.
             pull = _pull_apart(nodes, own, of_up, low, up, i)
-            eased = shared + ((keep - 1.0) * shared - pull) / (1.0 + added * compliance)
+            inertia = added * compliance
+            slowed = viscosity * inertia
+            eased = shared + ((keep - 1.0 - slowed) * shared - pull) / (1.0 + inertia + 0.5 * slowed)
             force = (keep * moved_i - pull - eased) / compliance if compliance > 0.0 else 0.0
             at = np.uintp(1) + i
             work += 0.5 * (film.pair_memory[d, at] + force) * moved_i
@@ -289,18 +298,19 @@ def _strut(film, nodes, f, k):
 
 
 @njit(forceinline=True)
-def _slip(memory, f, k, inverse, a, b, e):
-    """Shear of a strut from where it is at rest."""
-    at = OFFSET + 2 * k
-    return inverse * (_dot(a, e) - memory[f, at]), inverse * (_dot(b, e) - memory[f, at + 1])
+def _settle(memory, f, k, a, b, e, J, share):
+    """Let the rest of a strut follow where it lies by a share of the way; squeezed it gives way at once."""
+    at = REST + 3 * k
+    memory[f, at] += share * (_dot(a, e) - memory[f, at])
+    memory[f, at + 1] += share * (_dot(b, e) - memory[f, at + 1])
+    memory[f, at + 2] = max(0.0, min(J - 1.0, memory[f, at + 2] + share * (J - 1.0 - memory[f, at + 2])))
 
 
 @njit(forceinline=True)
-def _lie(memory, f, k, a, b, e):
-    """Let a strut be at rest where it lies; return its shear, none."""
-    at = OFFSET + 2 * k
-    memory[f, at], memory[f, at + 1] = _dot(a, e), _dot(b, e)
-    return 0.0, 0.0
+def _stretch(memory, f, k, inverse, a, b, e, J):
+    """Shears and normal stretch of a strut's glue from where it is at rest."""
+    at = REST + 3 * k
+    return inverse * (_dot(a, e) - memory[f, at]), inverse * (_dot(b, e) - memory[f, at + 1]), J - memory[f, at + 2]
 
 
 @njit
@@ -314,7 +324,7 @@ def _freeze(memory, f, n):
 
 
 @njit(forceinline=True)
-def _tractions(J, g_a, g_b, share, G, K, area):
+def _tractions(J, glue, g_a, g_b, share, G, K, area):
     """Forces of a strut along n, a and b, N: its share of the glue's, and contact for the rest; and its area times the
     slope of the traction over J, N."""
     across, along, aside = 0.0, 0.0, 0.0
@@ -324,8 +334,8 @@ def _tractions(J, g_a, g_b, share, G, K, area):
         s, r = traction(J, J * J, G, K)
         across = (1.0 - share) * (s * J + r)
     if share > 0.0:
-        s, r = traction(J, J * J + g_a * g_a + g_b * g_b, G, K)
-        across += share * (s * J + r)
+        s, r = traction(glue, glue * glue + g_a * g_a + g_b * g_b, G, K)
+        across += share * (s * glue + r)
         along, aside = share * s * g_a, share * s * g_b
     return area * across, area * along, area * aside, area * stiff
 

@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from simulator.errors import InputError
+
 ENERGIES = ("kinetic_j", "elastic_j", "hourglass_j", "damping_j", "saliva_j", "external_j", "residual_j")
 
 
@@ -52,6 +54,23 @@ class SalivaRecord:
     stretch: np.ndarray
     moisture: np.ndarray
     critical: np.ndarray
+
+    def of(self, elements: np.ndarray) -> SalivaRecord:
+        """The record of these elements (S,) in this order.
+
+        Raises
+        ------
+        InputError : other elements than those of the record
+        """
+        order = np.argsort(self.elements, kind="stable")
+        if not np.array_equal(self.elements[order], np.sort(elements)):
+            raise InputError(
+                f"expected a record of the {len(elements)} elements of the mouth's saliva, got one of "
+                f"{len(self.elements)}, other ones among them; give the mouth that was solved"
+            )
+        columns = order[np.searchsorted(self.elements[order], elements)]
+        values = (np.asarray(one)[:, columns] for one in (self.state, self.stretch, self.moisture, self.critical))
+        return SalivaRecord(np.asarray(elements), *values)
 
 
 @dataclass(frozen=True, eq=False)

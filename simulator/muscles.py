@@ -401,6 +401,17 @@ def muscle_force(mouth: Mouth, activation: Activation) -> np.ndarray:
     return _force(mouth.nodes, _tissue_volume(mouth), landmarks(mouth), activation)
 
 
+def usual_force(mouth: Mouth, name: str) -> float:
+    """Force of each side of the muscle called `name` at activation 1, N, where none is given: that of a mouth of this
+    size and thickness.
+    """
+    return _usual_force(MUSCLES[name], landmarks(mouth))
+
+
+def _usual_force(muscle: Muscle, face: Landmarks) -> float:
+    return muscle.peak_n * (face.half / USUAL_HALF_M) * (face.thickness / USUAL_THICKNESS_M)
+
+
 def _force(X: np.ndarray, tissue: np.ndarray, face: Landmarks, activation: Activation) -> np.ndarray:
     image = X * [-1.0, 1.0, 1.0] + [2 * face.centre_x, 0.0, 0.0]
     total = np.zeros_like(X)
@@ -417,9 +428,7 @@ def _left_force(X: np.ndarray, tissue: np.ndarray, face: Landmarks, activation: 
     if activation.volume is not None:
         parts = tuple(replace(part, volume=activation.volume) for part in parts)
     forward = muscle.forward if activation.forward is None else activation.forward
-    peak = activation.peak
-    if peak is None:
-        peak = muscle.peak_n * (face.half / USUAL_HALF_M) * (face.thickness / USUAL_THICKNESS_M)
+    peak = _usual_force(muscle, face) if activation.peak is None else activation.peak
     total = np.zeros_like(X)
     for part in parts:
         nodes_inside(X, part.volume, f"the volume of {activation.muscle}")

@@ -28,14 +28,14 @@ def at_times(motion: Motion, times_s: np.ndarray) -> Motion:
     ------
     InputError : times that are not a list of increasing numbers, or that lie outside the saved times
     """
-    before, after, part = _places(np.asarray(motion.time_s, float), times_s)
+    places = _places(motion.time_s, times_s)
 
     def between(values):
-        return _between(np.asarray(values), before, after, part)
+        return _between(np.asarray(values), *places)
 
     saliva = motion.saliva
     if saliva is not None:
-        states = np.asarray(saliva.state)[before]
+        states = np.asarray(saliva.state)[places[0]]
         saliva = SalivaRecord(
             saliva.elements, states, *map(between, (saliva.stretch, saliva.moisture, saliva.critical))
         )
@@ -49,14 +49,54 @@ def at_times(motion: Motion, times_s: np.ndarray) -> Motion:
     )
 
 
-def _places(saved_s: np.ndarray, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Saved states (F,) before and after each time, and how far (F,) it is from the one to the other, 0 to 1."""
+def values_at(saved_s: np.ndarray, values: np.ndarray, times_s: np.ndarray) -> np.ndarray:
+    """(F, ...) values (T, ...) of the saved times (T,), s, at given times (F,), s, as `at_times` has those of a motion.
+
+    Raises
+    ------
+    InputError : as `at_times`
+    """
+    return _between(np.asarray(values), *_places(saved_s, times_s))
+
+
+def states_at(saved_s: np.ndarray, states: np.ndarray, times_s: np.ndarray) -> np.ndarray:
+    """(F, ...) states (T, ...): of each time (F,), s, the last one saved at or before.
+
+    Raises
+    ------
+    InputError : as `at_times`
+    """
+    return np.asarray(states)[_places(saved_s, times_s)[0]]
+
+
+def frame_times(motion: Motion, times_s: np.ndarray | None = None) -> np.ndarray:
+    """(F,) s, times of one frame or more; None takes the saved ones.
+
+    Raises
+    ------
+    InputError : no times, or times that `at_times` refuses
+    """
+    times = _times(motion.time_s if times_s is None else times_s)
+    if len(times) == 0:
+        none = "a motion with saved states" if times_s is None else "the time of one frame or more"
+        raise InputError(f"expected {none}, got none")
+    _places(motion.time_s, times)
+    return times
+
+
+def _times(times_s: np.ndarray) -> np.ndarray:
     try:
         times = np.array(times_s, float)
     except (TypeError, ValueError):
         raise InputError(f"expected times as a list of numbers in s, got {type(times_s).__name__}") from None
     if times.ndim != 1 or not np.isfinite(times).all():
         raise InputError("expected times as a list of finite numbers in s, got another shape, NaN or infinity")
+    return times
+
+
+def _places(saved_s: np.ndarray, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Saved states (F,) before and after each time, and how far (F,) it is from the one to the other, 0 to 1."""
+    saved_s, times = np.asarray(saved_s, float), _times(times_s)
     if (np.diff(times) <= 0).any():
         at = int(np.argmax(np.diff(times) <= 0))
         raise InputError(f"expected times that increase, got {times[at + 1]:g} after {times[at]:g} s")
@@ -81,6 +121,8 @@ def _places(saved_s: np.ndarray, times_s: np.ndarray) -> tuple[np.ndarray, np.nd
 
 def _between(values: np.ndarray, before: np.ndarray, after: np.ndarray, part: np.ndarray) -> np.ndarray:
     start = values[before]
-    if not part.any():
-        return start
-    return start + part.reshape(-1, *[1] * (values.ndim - 1)) * (values[after] - start)
+    way = np.flatnonzero(part)  # elsewhere the next state, which may be no number, has no say
+    if len(way):
+        start = np.array(start, float)
+        start[way] += part[way].reshape(-1, *[1] * (values.ndim - 1)) * (values[after[way]] - start[way])
+    return start

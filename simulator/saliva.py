@@ -31,7 +31,8 @@ class Saliva:
 
     Q is the square of the stretch along the height of the element. It breaks where Q reaches Z = 1 + K M / Mc
     (`moisture.critical`); the force that it then has decays as exp(-t / decay_s). Where its height comes back to that
-    at rest, its force is ramped in again over ramp_s. Squeezed, it is stiff in whatever state it is.
+    at rest, its force is ramped in again over ramp_s, about where the lips then lie. Squeezed, it is stiff in whatever
+    state it is.
 
     Parameters
     ----------

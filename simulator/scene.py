@@ -26,7 +26,7 @@ from simulator.materials import NeoHookean
 from simulator.model import Load, Model
 from simulator.moisture import FULL_LEVEL, Lick, strength_of_level
 from simulator.mouth import COMMISSURE, SALIVA, Mouth, MouthShape, mouth_mesh
-from simulator.muscles import JAW, MUSCLES, Activation, Jaw, jaw, muscle_loads, skull
+from simulator.muscles import JAW, MUSCLES, Activation, Jaw, jaw, muscle_loads, skull, usual_force
 from simulator.obj_mesh import read_mouth_obj
 from simulator.saliva import DECAY_S, POOLING, RAMP_S, Saliva, pooled
 from simulator.settings import from_table, parse_toml, read_toml
@@ -442,8 +442,15 @@ class Scene:
         return dataclasses.replace(self, saliva=dataclasses.replace(self.saliva, stickiness=level, patch=patches))
 
     def spelled_out(self) -> Scene:
-        """The same scene with everything given that a preset stands for."""
-        actions = tuple(_spelled_out(action) for action in self.muscle)
+        """The same scene with everything given that a preset or what is usual stands for.
+
+        Raises
+        ------
+        InputError : a face that cannot be, an unknown muscle
+        """
+        unsaid = any(action.name != JAW and action.peak_n is None for action in self.muscle)
+        mouth = self.face.mouth() if unsaid else None  # it takes time to make
+        actions = tuple(_spelled_out(action, mouth) for action in self.muscle)
         return dataclasses.replace(self, face=self.face.spelled_out(), muscle=actions)
 
     def jaw(self, mouth: Mouth) -> Jaw:
@@ -668,9 +675,13 @@ def _loads(mouth: Mouth, actions: tuple[Action, ...]) -> tuple[Load, ...]:
     return (skull(mouth), *muscle_loads(mouth, [_activation(action) for action in actions]))
 
 
-def _spelled_out(action: Action) -> Action:
-    """The action with what is usual given, but for a usual force, which depends on the mouth's size."""
+def _spelled_out(action: Action, mouth: Mouth | None) -> Action:
+    """The action with what is usual given; a usual force is that of this mouth."""
+    activation = _activation(action)  # of a known muscle
     if action.name == JAW:
-        return dataclasses.replace(action, peak_m=_activation(action).peak)
-    forward = MUSCLES[action.name].forward if action.forward is None else action.forward
-    return dataclasses.replace(action, forward=forward)
+        return dataclasses.replace(action, peak_m=activation.peak)
+    return dataclasses.replace(
+        action,
+        peak_n=usual_force(mouth, action.name) if action.peak_n is None else action.peak_n,
+        forward=MUSCLES[action.name].forward if action.forward is None else action.forward,
+    )

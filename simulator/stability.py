@@ -34,7 +34,7 @@ def check_supports(model: Model) -> None:
         if _rank(model.nodes[nodes], held[nodes]) < 6:
             raise InputError(
                 f"expected every body to be held against moving and turning, got one of {len(nodes)} nodes, "
-                f"the first is node {nodes[0]}, that {_freedom(model.nodes[nodes], held[nodes])}; fix more "
+                f"the first is node {nodes[0]}, that {_freedom(held[nodes])}; fix more "
                 "of its nodes, or set free_bodies if it is meant to fly"
             )
 
@@ -56,7 +56,7 @@ def _rank(X: np.ndarray, held: np.ndarray) -> int:
     return int((values > 1e-9 * max(values[-1], 1e-300)).sum())
 
 
-def _freedom(X: np.ndarray, held: np.ndarray) -> str:
+def _freedom(held: np.ndarray) -> str:
     free = [name for axis, name in enumerate("xyz") if not held[:, axis].any()]
     return f"is free to move along {', '.join(free)}" if free else "is free to turn"
 

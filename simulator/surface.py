@@ -1,8 +1,7 @@
 """The surface of a mouth for display and for animators: what is seen of it, with closed lips that look closed.
 
-The film of saliva has a thickness at rest, and would show as a slit between closed lips. On display it belongs to the
-lips: their edges are moved towards each other by half of it. The surface is the outer and the inner surface without
-the saliva, the lips' walls that face each other, and the rim of the sheet; it is closed, each edge has two quads.
+The surface is the outer and the inner surface without the saliva, the lips' walls that face each other, and the rim of
+the sheet; it is closed, each edge has two quads. The lips' edges are where `aperture.shown_positions` has them.
 """
 
 from __future__ import annotations
@@ -11,9 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from simulator.aperture import shown_positions
 from simulator.errors import InputError
 from simulator.motion import Motion
 from simulator.mouth import LIPS, SALIVA, SKIN, Mouth
+from simulator.playback import values_at
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,36 +69,13 @@ def display_surface(mouth: Mouth) -> Surface:
 
 
 def display_positions(mouth: Mouth, positions: np.ndarray) -> np.ndarray:
-    """Where the vertices of `display_surface` are.
-
-    Facing nodes of the lips are moved towards each other by half of the film's thickness there at rest, along the line
-    that joins them; nearer ones meet in the middle.
-
-    Parameters
-    ----------
-    positions : (T, N, 3) m, of the nodes
-
-    Returns
-    -------
-    vertices : (T, V, 3) m
+    """(T, V, 3) m, where the vertices of `display_surface` are when the nodes are at `positions` (T, N, 3), m.
 
     Raises
     ------
     InputError : a shape that does not fit
     """
-    positions = np.asarray(positions)
-    if positions.ndim != 3 or positions.shape[1:] != mouth.nodes.shape:
-        raise InputError(f"expected positions of shape (T, {len(mouth.nodes)}, 3), got {positions.shape}")
-    moved = positions.copy()
-    above, below = positions[:, mouth.upper], positions[:, mouth.lower]
-    gap = above - below
-    height = np.linalg.norm(gap, axis=-1, keepdims=True)
-    film = np.linalg.norm(mouth.nodes[mouth.upper] - mouth.nodes[mouth.lower], axis=-1, keepdims=True)
-    share = 0.5 * film / np.maximum(height, np.maximum(film, np.finfo(float).tiny))
-    closed = height <= film * (1 + 1e-9)  # these meet to the last bit
-    moved[:, mouth.upper] = np.where(closed, (above + below) / 2, above - share * gap)
-    moved[:, mouth.lower] = np.where(closed, (above + below) / 2, below + share * gap)
-    return moved[:, display_surface(mouth).nodes]
+    return shown_positions(mouth, positions)[:, display_surface(mouth).nodes]
 
 
 def display_frames(mouth: Mouth, motion: Motion, times_s: np.ndarray) -> np.ndarray:
@@ -105,9 +83,9 @@ def display_frames(mouth: Mouth, motion: Motion, times_s: np.ndarray) -> np.ndar
 
     Raises
     ------
-    InputError : times that `between` refuses, or a position that is no number, as after a run that blew up
+    InputError : times that `playback.at_times` refuses, or a position that is no number, as after a run that blew up
     """
-    frames = display_positions(mouth, at_times(motion.time_s, motion.positions, times_s))
+    frames = display_positions(mouth, values_at(motion.time_s, motion.positions, times_s))
     bad = ~np.isfinite(frames).all(axis=(1, 2))
     if bad.any():
         raise InputError(
@@ -115,44 +93,6 @@ def display_frames(mouth: Mouth, motion: Motion, times_s: np.ndarray) -> np.ndar
             "leave out the times from there on"
         )
     return np.asarray(frames, float)
-
-
-def at_times(saved_s: np.ndarray, values: np.ndarray, times_s: np.ndarray) -> np.ndarray:
-    """(F, ...) `values` (T, ...) of the saved times at other times (F,), s, linear between them.
-
-    Raises
-    ------
-    InputError : no times, not increasing, or beyond those saved
-    """
-    saved_s, times_s, values = np.asarray(saved_s, float), np.asarray(times_s, float), np.asarray(values)
-    before, share = between(saved_s, times_s)
-    share = share.reshape(-1, *[1] * (values.ndim - 1))
-    last = np.minimum(before + 1, len(saved_s) - 1)
-    return np.where(share == 0, values[before], (1 - share) * values[before] + share * values[last])
-
-
-def between(saved_s: np.ndarray, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(F,) saved state at or before each time, and (F,) how far it is to the next one, from 0 to below 1.
-
-    Raises
-    ------
-    InputError : no times, not increasing, or beyond those saved
-    """
-    saved_s, times_s = np.asarray(saved_s, float), np.asarray(times_s, float)
-    if not len(saved_s):
-        raise InputError("expected a motion with a saved state or more, got none; let it run longer")
-    if times_s.ndim != 1 or not len(times_s) or not np.all(np.diff(times_s) > 0):
-        raise InputError(f"expected one or more times that increase, s, got {_shown(times_s)}")
-    slack = 1e-9 * max(1.0, abs(saved_s[-1]))  # a time made of frame / rate
-    if times_s[0] < saved_s[0] - slack or times_s[-1] > saved_s[-1] + slack:
-        raise InputError(
-            f"expected times from {saved_s[0]:g} to {saved_s[-1]:g} s, those of the motion, got {_shown(times_s)}"
-        )
-    times_s = np.clip(times_s, saved_s[0], saved_s[-1])
-    before = np.searchsorted(saved_s, times_s, side="right") - 1
-    after = np.minimum(before + 1, len(saved_s) - 1)
-    length = np.where(after > before, saved_s[after] - saved_s[before], 1.0)
-    return before, (times_s - saved_s[before]) / length
 
 
 def vertex_normals(vertices: np.ndarray, quads: np.ndarray) -> np.ndarray:
@@ -164,7 +104,3 @@ def vertex_normals(vertices: np.ndarray, quads: np.ndarray) -> np.ndarray:
         np.add.at(normals, (..., quads[:, k], slice(None)), twice_area)
     length = np.linalg.norm(normals, axis=-1, keepdims=True)
     return np.where(length > 0, normals / np.where(length > 0, length, 1.0), [0.0, 0.0, 1.0])
-
-
-def _shown(times_s: np.ndarray) -> str:
-    return f"{times_s.min():g} to {times_s.max():g} s" if times_s.size > 3 else str(times_s.tolist())

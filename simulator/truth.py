@@ -207,20 +207,15 @@ def _edges_only(motion: Motion, mouth: Mouth) -> Motion:
             f"expected a motion of the mouth's {len(mouth.nodes)} nodes, got {motion.positions.shape[1]}; "
             "give the mouth that was solved"
         )
-    record = motion.saliva
-    if record is None:
+    if motion.saliva is None:
         raise InputError("expected a motion with the saliva's states, got one without; solve a model that has saliva")
-    order = np.argsort(record.elements)[np.searchsorted(np.sort(record.elements), mouth.saliva) % len(record.elements)]
-    if len(record.elements) != len(mouth.saliva) or (record.elements[order] != mouth.saliva).any():
-        raise InputError("expected the states of the mouth's saliva, got those of other elements; give its own mouth")
     nodes = np.concatenate([mouth.upper.ravel(), mouth.lower.ravel()])
-    columns = (np.asarray(getattr(record, name))[:, order] for name in ("state", "stretch", "moisture", "critical"))
     return dataclasses.replace(
         motion,
         positions=motion.positions[:, nodes],
         nodes=mouth.nodes[nodes],
         velocities=None,
-        saliva=SalivaRecord(mouth.saliva, *columns),
+        saliva=motion.saliva.of(mouth.saliva),
     )
 
 

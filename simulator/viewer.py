@@ -24,8 +24,9 @@ from simulator.atomic import whole_file
 from simulator.errors import InputError
 from simulator.motion import Motion
 from simulator.mouth import LIPS, SALIVA, Mouth
+from simulator.playback import frame_times, states_at, values_at
 from simulator.stress import von_mises
-from simulator.surface import at_times, between, display_frames, display_surface
+from simulator.surface import display_frames, display_surface
 
 DONE, BAD_INPUT = 0, 2
 ENDING = ".view.html"
@@ -65,7 +66,7 @@ def write_page(
     ------
     InputError : times beyond the motion, shapes that do not fit, or a place that cannot be written to
     """
-    times_s = np.asarray(motion.time_s if times_s is None else times_s, float)
+    times_s = frame_times(motion, times_s)
     frames = display_frames(mouth, motion, times_s)
     clip = {"title": title, "times_s": times_s.tolist(), **_shape(mouth), **_positions(frames)}
     clip |= _stress(mouth, motion, times_s, stress) | _saliva(mouth, motion, times_s)
@@ -113,12 +114,12 @@ def _positions(frames: np.ndarray) -> dict:
 def _stress(mouth: Mouth, motion: Motion, times_s: np.ndarray, stress: np.ndarray | None) -> dict:
     """Steps of 1/255 of `stress_top_pa`."""
     if stress is None:
-        values = von_mises(mouth, at_times(motion.time_s, motion.positions, times_s))
+        values = von_mises(mouth, values_at(motion.time_s, motion.positions, times_s))
     else:
         expected = (len(motion.time_s), len(mouth.elements))
         if np.shape(stress) != expected:
             raise InputError(f"expected stress of shape {expected}, saved states and elements, got {np.shape(stress)}")
-        values = at_times(motion.time_s, stress, times_s)
+        values = values_at(motion.time_s, stress, times_s)
     values = np.nan_to_num(values, nan=0.0, posinf=0.0)
     top = max(float(np.percentile(values[:, mouth.group != SALIVA], _STRESS_TOP)), 1e-6)
     return {
@@ -130,13 +131,8 @@ def _stress(mouth: Mouth, motion: Motion, times_s: np.ndarray, stress: np.ndarra
 def _saliva(mouth: Mouth, motion: Motion, times_s: np.ndarray) -> dict:
     if motion.saliva is None:
         return {}
-    before, _ = between(motion.time_s, times_s)
-    order = {int(element): column for column, element in enumerate(motion.saliva.elements)}
-    missing = [int(element) for element in mouth.saliva if int(element) not in order]
-    if missing:
-        raise InputError(f"expected a record of every saliva element of the mouth, got none of element {missing[0]}")
-    columns = [order[int(element)] for element in mouth.saliva]
-    return {"state": _packed(motion.saliva.state[before][:, columns].astype(np.uint8))}
+    states = states_at(motion.time_s, motion.saliva.of(mouth.saliva).state, times_s)
+    return {"state": _packed(states.astype(np.uint8))}
 
 
 def _truth(table: Mapping[str, np.ndarray]) -> dict:

@@ -122,3 +122,10 @@ def test_tables_follow_openings_that_split_and_merge():
     assert openings["opening"].tolist() == [1, 2, 1, 1, 1]
     assert openings["parents"].tolist() == ["", "1", "", "1+2", ""]
     assert openings["frame"].tolist() == [1, 2, 2, 3, 5]
+
+
+def test_an_opening_that_closes_beside_another_does_not_merge_with_it():
+    both = np.array([(0, 1.8, 0, 1, 1, 1.8, 0.9, 0.5), (2, 4, 0, 1, 1, 2, 3, 0.5)])
+    one = both[1:]
+    _, openings = tables(np.arange(2) / 10, [both, one], mouth_width=5)
+    assert openings["event"].tolist() == ["new", "new", ""] and openings["opening"].tolist() == [1, 2, 2]

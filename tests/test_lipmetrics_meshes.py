@@ -66,10 +66,21 @@ def test_the_loop_may_begin_anywhere_and_run_either_way(turned):
     assert found.openings["left"].tolist() == pytest.approx([-2, -2, 1 - 0.5], abs=1e-6)
 
 
+def test_the_lips_may_have_different_numbers_of_vertices():
+    few = [*range(9), 10, 12, 14]  # the lower lip has three between the corners
+    points = moving(CLOSED, ARCH)[:, few]
+    for order in (np.arange(12), np.arange(12)[::-1], np.roll(np.arange(12), 4)[::-1]):
+        found = measured(points[:, order], LipLoop(tuple(range(12))))
+        assert found.channels["area"] == pytest.approx([0, 0.5 * 3.5 + 0.5 * 3])  # the ends slope over 0.5 and over 1
+        assert found.mouth_width == pytest.approx(4)
+        assert found.openings["left"].tolist() == pytest.approx([-2], abs=1e-6)
+
+
 def test_another_axis_may_point_up():
     points = moving(CLOSED, ARCH, TWO)
     swapped = points[:, :, [0, 2, 1]]
     assert measured(swapped, up="z").channels["height"] == pytest.approx([0, 1, 1])
+    points[1:, 9:, 1] -= 1 * (ARCH[-2:0:-1] > 0)  # the lower lip sinks
     upside_down = measured(points * [1, -1, 1], up="-y").openings
     assert np.allclose(upside_down[["top", "bottom"]], measured(points).openings[["top", "bottom"]])
 

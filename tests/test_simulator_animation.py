@@ -16,6 +16,7 @@ from simulator.motion import BROKEN
 from simulator.mouth import SALIVA
 from simulator.stress import von_mises
 from simulator.surface import display_frames, display_surface, vertex_normals
+from simulator.truth import truth
 
 TIMES = np.linspace(0.0, 1.0, 31)
 
@@ -66,6 +67,23 @@ def test_obj_sequence(tmp_path, moved, frames):
         assert normals[outside][:, 2].mean() > 0.7 and normals[~outside][:, 2].mean() < -0.7
     without = animation.write_obj_sequence(tmp_path / "plain.obj", *moved, [0.5])
     assert len(without) == 2 and "vn" not in without[0].read_text()
+
+
+def test_what_gapes_in_the_files_is_what_the_truth_counts(tmp_path):
+    """An opening is where one looks past the facing edges of both lips; two of them, then one."""
+    mouth, motion = moved_mouth(times=11, patch=(0.002, 0.004))
+    broken = dataclasses.replace(motion.saliva, state=np.full_like(motion.saliva.state, BROKEN))
+    loose = dataclasses.replace(motion, saliva=broken)  # no intact element holds one that stands open
+    *files, _ = animation.write_obj_sequence(tmp_path / "m.obj", mouth, motion)
+    surface, expected = display_surface(mouth), truth(motion, mouth).frames_m
+    area_m2 = truth(loose, mouth).frames_m["total_area_m2"]
+    upper, lower = surface.vertex_of(mouth.upper), surface.vertex_of(mouth.lower)
+    for number in (0, 2, 4, 7, 10):
+        vertices, *_ = read_obj(files[number])
+        x, gap = vertices[upper[:, 0], 0], (vertices[upper].min(axis=1) - vertices[lower].max(axis=1))[:, 1]
+        assert gap.max() == pytest.approx(expected["height_m"][number], abs=2e-7)  # files have 7 decimals
+        assert np.trapezoid(gap, x) == pytest.approx(area_m2[number], abs=2e-7 * mouth.width_m)
+    assert expected["n_openings"][[0, 4, 10]].tolist() == [0, 2, 1] and expected["height_m"][10] > 0.014
 
 
 def test_pc2_and_its_mesh(tmp_path, moved, frames):
@@ -242,6 +260,8 @@ def test_bad_input_is_refused_in_one_sentence(tmp_path, moved):
         animation.write_gltf(tmp_path / "m.gltf", mouth, motion)
     with pytest.raises(InputError, match="times from 0 to 1 s"):
         animation.write_pc2(tmp_path / "m.pc2", mouth, motion, [0.0, 2.0])
+    with pytest.raises(InputError, match="the time of one frame or more, got none"):
+        animation.write_paraview(tmp_path / "m.pvd", mouth, motion, [])
     positions = motion.positions.copy()
     positions[7:, 3] = np.nan
     blown_up = dataclasses.replace(motion, positions=positions)

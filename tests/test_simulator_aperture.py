@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+from moved_mouth import moved_mouth
 
-from simulator.aperture import COAT_M, SEEN_M, lip_edges, runs, visible
+from simulator.aperture import COAT_M, SEEN_M, lip_edges, mouth_edges, runs, shown_positions, visible
+from simulator.errors import InputError
 from simulator.motion import BROKEN, INTACT, STICKING
 from simulator.polygons import SIZES, measure
 
@@ -74,6 +76,26 @@ def test_an_intact_element_closes_both_its_columns():
 def test_a_gap_that_is_not_seen_is_no_opening():
     upper, lower, *rest = lips(np.full(7, 0.9 * SEEN_M))
     assert not lip_edges(upper, lower, *rest, np.full((1, 6), BROKEN)).loose.any()
+
+
+def test_edges_are_drawn_apart_where_intact_saliva_is_drawn_out():
+    upper, lower, *rest = lips(np.full(7, 1e-3))
+    drawn = lip_edges(upper, lower, *rest)
+    np.testing.assert_array_equal(drawn.upper, lip_edges(upper, lower, *rest, np.full((1, 6), BROKEN)).upper)
+    np.testing.assert_allclose(drawn.gap_m, 1e-3 - COAT_M)
+    assert not lip_edges(upper, lower, *rest, np.full((1, 6), INTACT)).gap_m.any()
+
+
+def test_only_the_edges_of_a_mouth_are_drawn_elsewhere():
+    mouth, motion = moved_mouth(times=3)
+    shown = shown_positions(mouth, motion.positions)
+    edges = mouth_edges(mouth, motion.positions, motion.saliva.state)  # all saliva that is open is broken
+    np.testing.assert_array_equal(shown[2][mouth.upper], edges.upper[2])
+    np.testing.assert_array_equal(shown[2][mouth.lower], edges.lower[2])
+    others = np.setdiff1d(np.arange(len(mouth.nodes)), np.concatenate([mouth.upper, mouth.lower]))
+    np.testing.assert_array_equal(shown[:, others], motion.positions[:, others])
+    with pytest.raises(InputError, match=r"expected positions of shape \(T, 1888, 3\), got \(1888, 3\)"):
+        mouth_edges(mouth, motion.positions[0])
 
 
 def test_runs():

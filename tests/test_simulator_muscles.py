@@ -21,6 +21,7 @@ from simulator.muscles import (
     muscle_force,
     muscle_loads,
     skull,
+    usual_force,
 )
 from simulator.obj_mesh import read_mouth_obj, write_surface_obj
 from simulator.solver import solve
@@ -139,6 +140,7 @@ def test_usual_force_is_scaled_to_the_face(mouth):
     child = face("child")
     expected = MUSCLES["risorius"].peak_n * child.width_m / 0.05 * child.thickness_m / 0.006
     assert np.isclose(size(child), expected)
+    assert np.isclose(usual_force(mouth_mesh(child, "low"), "risorius"), expected)
 
 
 def test_curves_of_the_turn():

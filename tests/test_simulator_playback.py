@@ -1,11 +1,13 @@
 """A motion at other times than the saved ones."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from simulator.errors import InputError
 from simulator.motion import BROKEN, INTACT, STICKING, Motion, SalivaRecord
-from simulator.playback import at_times
+from simulator.playback import at_times, frame_times, states_at, values_at
 
 
 @pytest.fixture
@@ -47,6 +49,33 @@ def test_no_times_give_no_states(motion):
     none = at_times(motion, [])
     assert none.positions.shape == (0, 5, 3)
     assert none.saliva.state.shape == (0, 2)
+
+
+def test_values_and_states_alone_are_those_of_the_motion(motion):
+    times = [0.0, 0.07, 0.1, 0.3]
+    whole = at_times(motion, times)
+    np.testing.assert_array_equal(values_at(motion.time_s, motion.positions, times), whole.positions)
+    np.testing.assert_array_equal(states_at(motion.time_s, motion.saliva.state, times), whole.saliva.state)
+
+
+def test_a_saved_time_has_nothing_of_a_next_state_that_is_no_number(motion):
+    positions = motion.positions.copy()
+    positions[2] = np.nan
+    found = values_at(motion.time_s, positions, [0.05, 0.1, 0.2])
+    assert np.isfinite(found[:2]).all() and np.isnan(found[2]).all()
+    np.testing.assert_array_equal(found[1], positions[1])
+
+
+def test_frames_are_at_the_saved_times_or_at_given_ones(motion):
+    np.testing.assert_array_equal(frame_times(motion), motion.time_s)
+    assert frame_times(motion, (0, 0.1)).tolist() == [0.0, 0.1] and frame_times(motion, (0, 0.1)).dtype == float
+    with pytest.raises(InputError, match="expected the time of one frame or more, got none"):
+        frame_times(motion, [])
+    nothing = dataclasses.replace(motion, time_s=np.zeros(0), positions=motion.positions[:0])
+    with pytest.raises(InputError, match="expected a motion with saved states, got none"):
+        frame_times(nothing)
+    with pytest.raises(InputError, match=r"expected times from 0 to 0\.4 s"):
+        frame_times(motion, [0.5])
 
 
 @pytest.mark.parametrize(

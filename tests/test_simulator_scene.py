@@ -9,6 +9,7 @@ from simulator.errors import InputError
 from simulator.model import Displacement, Force
 from simulator.moisture import critical, strength_of_level
 from simulator.mouth import COMMISSURE, SALIVA, MouthShape
+from simulator.muscles import MUSCLES
 from simulator.saliva import pooled
 from simulator.scene import (
     Action,
@@ -93,6 +94,26 @@ def test_a_scene_is_the_same_action_at_every_level(name):
     none, strong = load_scene(name, 0), load_scene(name, 10)
     assert none.muscle == strong.muscle and strong.saliva.stickiness == 10
     assert none.saliva.stickiness == 0 and all(patch.stickiness == 0 for patch in none.saliva.patch)
+
+
+def test_a_scene_written_in_full_does_not_change_with_what_is_usual(monkeypatch):
+    for name in ("smile", "pout"):
+        scene = dataclasses.replace(load_scene(name), face=Face("child", resolution="low"))
+        _, before = scene.model()
+        text = to_toml(scene.spelled_out())
+        assert text.count("peak_n = ") == len(scene.muscle)
+        whole = scene_from_table(parse_toml(text, name), name)
+        assert whole == scene.spelled_out() == whole.spelled_out()
+        with monkeypatch.context() as patched:
+            for muscle, usual in MUSCLES.items():
+                patched.setitem(MUSCLES, muscle, dataclasses.replace(usual, peak_n=9.0, forward=9.0))
+            _, after = whole.model()
+            assert len(scene.model()[1].loads) == len(before.loads)
+            changed = [load for load in scene.model()[1].loads if isinstance(load, Force)]
+        same, forces = ([load for load in model.loads if isinstance(load, Force)] for model in (after, before))
+        for one, other, usual in zip(same, forces, changed, strict=True):
+            assert np.array_equal(one.magnitudes_n, other.magnitudes_n)
+            assert not np.array_equal(usual.magnitudes_n, other.magnitudes_n)
 
 
 def test_the_sides_of_the_one_sided_scenes():

@@ -5,6 +5,7 @@ are compared with those that went in, and pictures of the window from outside wi
 """
 
 import base64
+import dataclasses
 import json
 import re
 import shutil
@@ -140,6 +141,13 @@ def test_other_times_and_given_stress(tmp_path, moved):
     assert clip["times_s"] == [0.25, 0.5] and "truth" not in clip
     assert clip["stress_top_pa"] > 0 and unpack(clip["stress"])[:, 1:].max() == 0
     assert np.array_equal(unpack(clip["state"]), motion.saliva.state[[2, 5]])
+
+
+def test_a_record_in_another_order_gives_the_same_page(tmp_path, moved, truth, page):
+    mouth, motion = moved
+    turned = dataclasses.replace(motion, saliva=motion.saliva.of(mouth.saliva[::-1]))
+    again = viewer.write_page(tmp_path / "c.html", mouth, turned, title=TITLE, truth_frames=truth)
+    assert again.read_bytes() == page.read_bytes()
 
 
 def test_the_same_motion_gives_the_same_bytes(tmp_path, moved, truth, page):

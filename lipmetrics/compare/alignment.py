@@ -12,7 +12,6 @@ from lipmetrics.compare.curves import CHANNELS, Curve, even, nearest_name
 from lipmetrics.compare.warping import (
     BAND,
     COST,
-    band_radius,
     best_path,
     check_settings,
     check_size,
@@ -183,12 +182,12 @@ def largest_stretch(path: np.ndarray, rate_hz: float, window_s: float = STRETCH_
 
 def band_share(path: np.ndarray, n: int, m: int, band: float) -> float:
     """Share of the cells of a path whose neighbour farther out is kept off by the band; 0 without a band."""
-    width = kernels.band_width(n, m, band)
-    if width < 0:
+    radius = kernels.band_width(n, m, band)
+    if radius < 0:
         return 0.0
-    off = 2 * (path[:, 0] * (m - 1) - path[:, 1] * (n - 1))
-    lower = (off + 2 * (m - 1) > width) & (path[:, 0] < n - 1) & (path[:, 1] > 0)
-    upper = (-off + 2 * (n - 1) > width) & (path[:, 1] < m - 1) & (path[:, 0] > 0)
+    i, j = path.T
+    lower = (i - j == radius + max(0, n - m)) & (i < n - 1) & (j > 0)
+    upper = (j - i == radius + max(0, m - n)) & (j < m - 1) & (i > 0)
     return float((lower | upper).mean())
 
 
@@ -210,8 +209,3 @@ def carry_times(path: np.ndarray, time_a: np.ndarray, time_b: np.ndarray, time_s
         "mean": (matched[starts] + matched[ends]) / 2,  # times are even
     }[side]
     return np.interp(time_s, time_a, of_sample)
-
-
-def radius_s(n: int, m: int, band: float | None, rate_hz: float) -> float:
-    """How far a path may stray from the straight line, seconds; infinite without a band."""
-    return band_radius(n, m, -1.0 if band is None else band) / rate_hz

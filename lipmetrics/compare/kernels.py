@@ -21,12 +21,10 @@ PAD = 16  # spare places behind every buffer for that
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def band_width(n, m, band):
-    """Twice the half-width of the band, in units of the rule in `warping`; -1 for no band."""
-    if band < 0 or n == 1 or m == 1:
+    """Radius of the band in samples (rule in `warping`); -1 for no band."""
+    if band < 0:
         return -1
-    longer, shorter = max(n, m) - 1, min(n, m) - 1
-    width = 2 * np.int64(math.floor(band * longer + 1e-9)) * shorter
-    return max(width, longer) if n != m else width
+    return np.int64(math.floor(band * (max(n, m) - 1) + 1e-9))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -34,9 +32,8 @@ def diagonal(d, n, m, width):
     """First and last i of the cells (i, d - i) that are allowed; last = first - 1 if there are none."""
     first, last = max(0, d - m + 1), min(n - 1, d)
     if width >= 0:
-        middle, whole = 2 * d * (n - 1), 2 * (n + m - 2)
-        first = max(first, -((width - middle) // whole))
-        last = min(last, (middle + width) // whole)
+        first = max(first, (d - width - max(0, m - n) + 1) // 2)
+        last = min(last, (d + width + max(0, n - m)) // 2)
     return first, last
 
 

@@ -13,6 +13,7 @@ from lipmetrics.compare.alignment import CLOCKS
 from lipmetrics.compare.curves import CHANNELS, Curve, even, nearest_name, thread_count
 from lipmetrics.compare.distances import SECONDS_PER_UNIT, check_seconds
 from lipmetrics.compare.warping import BAND, COST, best_paths, check_settings, check_size, distance_of, per_step_of
+from lipmetrics.errors import InputError
 
 BLOCK_BYTES = 2_000_000  # of paths kept at a time by each thread: within its cache, and long enough a piece of work
 
@@ -68,6 +69,8 @@ def pairs(
     scale = 1.0 / check_seconds(seconds_per_unit)
     nearest_name(clock, CLOCKS, "clock")
     threads = thread_count(threads)
+    if not len(takes) or not len(references):
+        raise InputError(f"expected at least one take and one reference, got {len(takes)} and {len(references)}")
     curves, rate_hz = even([*takes, *references], channels, rate_hz, mixed_units)
     first, second = curves[: len(takes)], curves[len(takes) :]
     check_size(max(len(c.time_s) for c in first), max(len(c.time_s) for c in second), share)

@@ -3,13 +3,13 @@
 Rules (Sakoe and Chiba 1978, symmetric, without slope weights): the path goes from (0, 0) to (n - 1, m - 1) in steps of
 (1, 1), (1, 0) or (0, 1); its cost is the sum of the local costs of its cells, the first included.
 
-Band: cell (i, j) of n x m samples is allowed if
+Band (Sakoe and Chiba): cell (i, j) of n x m samples is allowed if
 
-    2 |i (m - 1) - j (n - 1)| <= w,   w = 2 r (min(n, m) - 1),   r = floor(band (max(n, m) - 1)),
+    -r - max(0, n - m) <= j - i <= r + max(0, m - n),   r = floor(band (max(n, m) - 1)),
 
-which is |i - j| <= r for equal lengths: r samples of the longer curve away from the straight line between both corners.
-For unequal lengths w is at least max(n, m) - 1, which keeps the band connected. The rule is the same with x and y
-exchanged, and with both reversed. A curve of one sample has no band.
+which is |i - j| <= r for equal lengths, and is widened on one side by the difference of the lengths otherwise: both
+staying in step and ending together are allowed. The rule is the same with x and y exchanged and with both reversed, and
+its cells always hold a path. tslearn has the same; dtaidistance too, with window = r + 1.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ def check_settings(cost: str, band: float | None) -> tuple[bool, float]:
 
 def check_size(n: int, m: int, band: float) -> None:
     """InputError if the table would be too large to keep."""
-    cells = n * m * (1.0 if band < 0 else min(1.0, 2 * band))
+    cells = n * m if band < 0 else min(n, m) * min(max(n, m), abs(n - m) + 2 * band * max(n, m))
     if cells > MOST_CELLS:
         raise InputError(f"{n} x {m} samples are too many to align; use a lower rate_hz or a narrower band")
 
@@ -101,9 +101,3 @@ def distance_of(total, squared: bool):
 def per_step_of(total, length, squared: bool):
     """Mean local cost of a path (absolute), or the root of the mean (squared): comparable between lengths."""
     return np.sqrt(total / length) if squared else total / length
-
-
-def band_radius(n: int, m: int, band: float) -> float:
-    """How far, in samples of the longer curve, a path may stray from the straight line; infinite without a band."""
-    width = kernels.band_width(n, m, band)
-    return float("inf") if width < 0 else width / (2.0 * (min(n, m) - 1))
