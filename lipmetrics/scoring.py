@@ -589,8 +589,8 @@ class _Scoring:
             if np.mean(shares) > MOST_AT_BAND:
                 share = f"{100 * np.mean(shares):.0f} % of the paths"
                 self.notes.append(
-                    f"{model}: {share} is at the edge of the band, so its lag is a lower bound; a wider --band shows how "
-                    "late or early it is."
+                    f"{model}: {share} is at the edge of the band, so its lag is a lower bound; a wider --band shows "
+                    "how late or early it is."
                 )
         if self.settings.allow_mixed_units:
             self.notes.append("Mixed units were allowed: lengths are compared as if they were in one unit.")
