@@ -14,6 +14,7 @@ from lipmetrics.metrics import LOWER, METRICS, NONE, curves, movement, sticky
 from lipmetrics.take import CHANNELS, Take
 
 ZERO = "zero"
+AT_BAND = "at_band"  # not a metric: the share of the path at the edge of the band, where lag is a lower bound
 
 # said by another metric already: the size of the lag; heights and speeds as differences; ratios are not distances
 LEFT_OUT = ("lateness_v1", "peak_ratio_v1", "speed_ratio_v1")
@@ -90,7 +91,8 @@ def all_measures(
         return prepared[id(take)][1]
 
     def pair(real: Take, model: Take) -> Mapping[str, float]:
-        return curves.evaluate(even(real), even(model), cost=cost, band=band, mixed_units=mixed_units)
+        both = curves.validate(even(real), even(model), cost=cost, band=band, mixed_units=mixed_units)
+        return curves.evaluate(both) | {AT_BAND: both.alignment.at_band}
 
     def single(take: Take) -> Mapping[str, float]:
         found = movement.evaluate(take)
