@@ -26,7 +26,10 @@ GROUPS = {
     "sticky lips": (),
 }
 # what a row of a table in a paper has room for
-HEADLINES = ("l2_height_v1", "dtw_height_v1", "hausdorff_height_v1", "lag_v1", "warp_v1", "most_openings_v1")
+HEADLINES = (
+    *("l2_width_v1", "l2_height_v1", "dtw_width_v1", "dtw_height_v1", "hausdorff_width_v1", "hausdorff_height_v1"),
+    *("lag_v1", "warp_v1", "most_openings_v1"),
+)
 
 
 @dataclass(frozen=True)

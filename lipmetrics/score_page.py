@@ -84,7 +84,7 @@ def in_short(score: Score) -> list[str]:
         found.append(f"{model}: {'; '.join(parts)}.")
         found += _late(score, model)
     for _, row in score.comparisons.iterrows():
-        if row["metric"] == headlines(score)[0].name:
+        if row["metric"] in [measure.name for measure in headlines(score)[:2]]:
             found.append(_verdict(row))
     return found
 
@@ -152,7 +152,7 @@ def _verdict(row) -> str:
     nearer = row["first"] if row["difference"] < 0 else row["second"]
     if row["better"] == HIGHER:
         nearer = row["second"] if nearer == row["first"] else row["first"]
-    items = f"{row['items_n']} {'clips' if row['item'] == 'clip' else 'utterances'}"
+    items = _plural(row["items_n"], row["item"])
     sure = "the difference is more than chance" if row["p"] < 0.05 else "the difference could be chance"
     text = f"In {label_of(row['metric'])} {nearer} is nearer by {number(abs(row['difference']))} on {items}"
     text += f" ({number(row['low'])} to {number(row['high'])})" if math.isfinite(row["low"]) else ""
