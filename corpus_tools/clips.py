@@ -35,14 +35,15 @@ class Clip:
     Parameters
     ----------
     path : video file, folder of pictures or pattern of pictures
-    name : of this clip alone, letters and digits and `_-+.`, parts divided by `/`; the key in tables and stores
+    name : of this clip alone, without `/`; the key in tables and stores
     fields : what the name says, such as speaker, utterance, repeat, stickiness: text, whole numbers, numbers or None
     start_s, stop_s : the part of the video to be measured, s; None: from its start, to its end
     words : labelled parts in order of time, where known
+    fps : pictures per second of a folder of pictures; None for a video, which has its own times
 
     Raises
     ------
-    InputError : no name, or a part that ends before it starts
+    InputError : no name or one with `/`, or a part that ends before it starts
     """
 
     path: Path
@@ -51,6 +52,7 @@ class Clip:
     start_s: float | None = None
     stop_s: float | None = None
     words: tuple[Slice, ...] = ()
+    fps: float | None = None
 
     def __post_init__(self):
         object.__setattr__(self, "path", Path(self.path))
@@ -58,6 +60,8 @@ class Clip:
         object.__setattr__(self, "words", tuple(self.words))
         if not self.name:
             raise InputError(f"expected a name for the clip {self.path}, got none; name it by a template")
+        if "/" in self.name or "\\" in self.name:
+            raise InputError(f"expected a name of a clip without / and \\, got {self.name}; put - there")
         start_s, stop_s = self.start_s or 0.0, math.inf if self.stop_s is None else self.stop_s
         if not 0 <= start_s < stop_s:
             raise InputError(
@@ -66,7 +70,7 @@ class Clip:
             )
 
     def __reduce__(self):  # the fields cannot be changed, and such a mapping does not travel as it is
-        return _clip, (str(self.path), self.name, dict(self.fields), self.start_s, self.stop_s, self.words)
+        return _clip, (str(self.path), self.name, dict(self.fields), self.start_s, self.stop_s, self.words, self.fps)
 
     def __hash__(self):
         return hash((self.path, self.name, self.start_s, self.stop_s))
