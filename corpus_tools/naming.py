@@ -504,7 +504,7 @@ def _read_field(piece: str, kinds: dict, in_group: bool, text: str) -> tuple[str
     field, colon, says = piece[1:-1].partition(":")
     if not re.fullmatch(r"[a-z][a-z0-9_]*", field):
         raise InputError(
-            f"expected fields named by small letters, digits and _ such as {{speaker}}, got {piece} in the template {text}"
+            f"expected fields named by small letters, digits and _ such as {{speaker}}, got {piece} in {text}"
         )
     if not colon and field in kinds:
         return field, kinds[field]

@@ -24,12 +24,15 @@ from pathlib import Path
 
 from corpus_tools.clips import Clip, Slice
 from corpus_tools.naming import Template
-from corpus_tools.slices import ENDINGS, read_slices
+from corpus_tools.slices import read_slices
 from corpus_tools.wording import nearest
 from lipmetrics.errors import InputError
 
-VIDEO_ENDINGS = set(".avi .m2ts .m4v .mkv .mov .mp4 .mpeg .mpg .mts .ogv .ts .webm .wmv".split())
-PICTURE_ENDINGS = set(".bmp .jpeg .jpg .png .tif .tiff .webp".split())
+VIDEO_ENDINGS = {
+    *(".avi", ".m2ts", ".m4v", ".mkv", ".mov", ".mp4", ".mpeg"),
+    *(".mpg", ".mts", ".ogv", ".ts", ".webm", ".wmv"),
+}
+PICTURE_ENDINGS = {".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp"}
 GRID_FPS = 25.0
 
 # the six letters of a sentence of GRID and their words; w is the one letter of the alphabet that GRID leaves out
@@ -38,7 +41,10 @@ GRID_WORDS = {
     "color": {"b": "blue", "g": "green", "r": "red", "w": "white"},
     "preposition": {"a": "at", "b": "by", "i": "in", "w": "with"},
     "letter": {letter: letter for letter in "abcdefghijklmnopqrstuvxyz"},
-    "digit": dict(zip("z123456789", "zero one two three four five six seven eight nine".split(), strict=True)),
+    "digit": {
+        **{"z": "zero", "1": "one", "2": "two", "3": "three", "4": "four"},
+        **{"5": "five", "6": "six", "7": "seven", "8": "eight", "9": "nine"},
+    },
     "adverb": {"a": "again", "n": "now", "p": "please", "s": "soon"},
 }
 GRID_CODE = Template("".join(f"{{{field}:{'|'.join(words)}}}" for field, words in GRID_WORDS.items()))
@@ -77,8 +83,18 @@ class Reading:
     misfits: tuple[tuple[Path, str], ...] = ()
 
 
-def read_corpus(folder: str | Path, corpus: str | None = None, template: Template | str | None = None) -> Reading:
+def read_corpus(
+    folder: str | Path,
+    corpus: str | None = None,
+    template: Template | str | None = None,
+    *,
+    fps: float | None = None,
+) -> Reading:
     """Read a corpus by its name (one of `READERS`), or a folder by a template.
+
+    Parameters
+    ----------
+    fps : of folders of pictures by template, per second
 
     Raises
     ------
@@ -89,7 +105,7 @@ def read_corpus(folder: str | Path, corpus: str | None = None, template: Templat
             f"expected a corpus ({', '.join(READERS)}) or a template, got {'both' if corpus else 'neither'}"
         )
     if template is not None:
-        return read_folder(folder, template)
+        return read_folder(folder, template, fps=fps)
     if corpus not in READERS:
         raise InputError(f"expected a corpus out of {', '.join(READERS)}, got {nearest(corpus, READERS)}")
     return READERS[corpus](folder)
@@ -110,7 +126,7 @@ def read_folder(folder: str | Path, template: Template | str, *, fps: float | No
     InputError : no such folder, no clip in it that fits, or two of one name
     """
     template = Template(template) if isinstance(template, str) else template
-    words_at = _words_by_stem(folder)
+    words_at = _words_by_stem(folder, {".align", ".textgrid"})
 
     def clip_of(path: Path, place: str) -> Clip:
         name = place if "/" in template.text else place.rpartition("/")[2]
@@ -128,7 +144,7 @@ def read_grid(folder: str | Path) -> Reading:
     Fields: speaker (`s1`), utterance (`bbaf2n`), and its words command, color, preposition, letter, digit, adverb.
     """
     by_speaker: dict[tuple[str | None, str], Path] = {}
-    for place, path in _words_by_stem(folder).items():
+    for place, path in _words_by_stem(folder, {".align", ".textgrid"}).items():
         code = place.rpartition("/")[2]
         by_speaker.setdefault((_grid_speaker(place, folder), code), path)
 
@@ -161,7 +177,9 @@ def read_lombard(folder: str | Path, views: Collection[str] = ("front",)) -> Rea
     views : of `front` and `side`, the folders of the two cameras
     """
     _check_views(views, LOMBARD_VIEWS)
-    words_at = {place.rpartition("/")[2]: path for place, path in _words_by_stem(folder).items()}
+    words_at = {
+        place.rpartition("/")[2]: path for place, path in _words_by_stem(folder, {".json", ".textgrid"}).items()
+    }
 
     def clip_of(path: Path, place: str) -> Clip | None:
         view = next((part for part in place.split("/")[-2::-1] if part in LOMBARD_VIEWS), None) or Path(folder).name
@@ -172,7 +190,7 @@ def read_lombard(folder: str | Path, views: Collection[str] = ("front",)) -> Rea
         stem = place.rpartition("/")[2]
         fields = LOMBARD_NAME.parse(stem)
         said = fields["said"] or fields["utterance"]
-        if "sil" in said and said not in words_at and not GRID_CODE.matches(said):
+        if "sil" in said.lower() and not GRID_CODE.matches(said):
             raise InputError(f"expected a sentence in {path}, got silence, as its name says")
         words = grid_words(said)
         about = {
@@ -298,15 +316,15 @@ def _sources(folder: str | Path) -> Iterator[tuple[Path, str]]:
             yield Path(at), Path(at).relative_to(root).as_posix()
 
 
-def _words_by_stem(folder: str | Path) -> dict[str, Path]:
+def _words_by_stem(folder: str | Path, endings: Collection[str]) -> dict[str, Path]:
     """Files with words by their paths from the folder without endings."""
     root = Path(folder)
     found: dict[str, Path] = {}
     for at, folders, names in os.walk(root, followlinks=True):
         folders[:] = sorted(name for name in folders if not name.startswith("."))
-        for name in sorted(names, key=lambda name: (Path(name).suffix.lower() == ".json", name)):
+        for name in sorted(names):
             path = Path(at, name)
-            if path.suffix.lower() in ENDINGS:
+            if path.suffix.lower() in endings:
                 found.setdefault(path.relative_to(root).with_suffix("").as_posix(), path)
     return found
 

@@ -229,9 +229,9 @@ def _count(value: float, path: str | Path) -> int:
 
 
 def _add(found: list[Slice], text: str, start_s: float, stop_s: float, tier: str, path: str | Path) -> None:
-    """Append a slice that is not a silence."""
+    """Append a slice that is not a silence, and not without length."""
     text = text.strip()
-    if text.lower() in SILENCES:
+    if text.lower() in SILENCES or start_s == stop_s:
         return
     if not 0 <= start_s < stop_s < math.inf:
         raise InputError(

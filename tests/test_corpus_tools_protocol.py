@@ -7,6 +7,7 @@ says; Chromium's virtual time makes minutes pass at once.
 import csv
 import html
 import io
+import itertools
 import json
 import re
 import shutil
@@ -100,7 +101,7 @@ def test_planned_cuts(builtin):
     cuts = builtin.cuts("p01", mark_s=7.5)
     assert len(cuts) == 110 and all(cut.stop_s - cut.start_s == pytest.approx(3) for cut in cuts)
     assert cuts[0].start_s == pytest.approx(7.5 + 10 + 6 - 0.5)
-    assert all(b.start_s >= a.stop_s for a, b in zip(cuts, cuts[1:], strict=False))
+    assert all(b.start_s >= a.stop_s for a, b in itertools.pairwise(cuts))
     with pytest.raises(InputError, match="expected speaker as text without _ or /, got 'p_1'"):
         builtin.cuts("p_1")
 
@@ -180,7 +181,7 @@ def test_bad_protocols_are_refused(tmp_path, old, new, sentence):
 
 
 def test_no_file(tmp_path):
-    with pytest.raises(InputError, match="expected a protocol in TOML, got .*gone.toml: No such file"):
+    with pytest.raises(InputError, match=r"expected a protocol in TOML, got .*gone\.toml: No such file"):
         load_protocol(tmp_path / "gone.toml")
     assert tomllib.loads(protocol_text())["repetitions_n"] == 5
 
@@ -200,8 +201,8 @@ const later = (seconds, act) => setTimeout(act, seconds * 1000);
 const finish = () => {
   const pre = document.createElement("pre");
   pre.id = "result";
-  pre.textContent = JSON.stringify({ said, saved, cuts: cutsCSV(), log: logCSV(), state, problem: at("problem").textContent,
-    setup: !at("setup").hidden, kept: at("kept").textContent });
+  pre.textContent = JSON.stringify({ said, saved, cuts: cutsCSV(), log: logCSV(), state,
+    problem: at("problem").textContent, setup: !at("setup").hidden, kept: at("kept").textContent });
   document.body.append(pre);
 };
 STEPS
