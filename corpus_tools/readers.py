@@ -18,7 +18,6 @@ from __future__ import annotations
 import dataclasses
 import os
 import re
-from collections import Counter
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 
@@ -76,7 +75,7 @@ class Reading:
     Parameters
     ----------
     clips : in order of their names, which are all different
-    misfits : files and folders that are no clips of the corpus, each with the reason
+    misfits : files and folders that are no clips of the corpus, or have the name of another, each with the reason
     """
 
     clips: tuple[Clip, ...]
@@ -123,7 +122,7 @@ def read_folder(folder: str | Path, template: Template | str, *, fps: float | No
 
     Raises
     ------
-    InputError : no such folder, no clip in it that fits, or two of one name
+    InputError : no such folder, or no clip in it that fits
     """
     template = Template(template) if isinstance(template, str) else template
     words_at = _words_by_stem(folder, {".align", ".textgrid"})
@@ -287,15 +286,12 @@ def _read(folder: str | Path, clip_of: Callable[[Path, str], Clip | None], what:
     if not clips:
         why = f"; the first of {len(misfits)} that do not fit: {misfits[0][1]}" if misfits else ", got no videos"
         raise InputError(f"expected {what} in {folder}{why}")
-    clips.sort(key=lambda clip: clip.name)
-    count = Counter(clip.name.lower() for clip in clips)  # some file systems do not tell Anna from anna
-    for clip in clips:
-        if count[clip.name.lower()] > 1:
-            same = [str(other.path) for other in clips if other.name.lower() == clip.name.lower()]
-            raise InputError(
-                f"expected clips of different names in {folder}, got {clip.name} twice: {same[0]} and {same[1]}"
-            )
-    return Reading(tuple(clips), tuple(misfits))
+    first: dict[str, Clip] = {}
+    for clip in sorted(clips, key=lambda clip: (clip.name, str(clip.path))):
+        other = first.setdefault(clip.name.lower(), clip)  # some file systems do not tell Anna from anna
+        if other is not clip:
+            misfits.append((clip.path, f"expected clips of different names, got {clip.name} again, after {other.path}"))
+    return Reading(tuple(first.values()), tuple(misfits))
 
 
 def _sources(folder: str | Path) -> Iterator[tuple[Path, str]]:
