@@ -13,20 +13,32 @@ from __future__ import annotations
 
 import argparse
 import importlib
-import json
 import math
-import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from lipmetrics.console import (
+    BAD_INPUT,
+    DONE,
+    SOME_FAILED,
+    STOPPED,
+    Parser,
+    above_zero,
+    add_verb,
+    complain,
+    count,
+    prepare,
+    say,
+    say_json,
+    seconds,
+)
 from lipmetrics.errors import InputError
 
 if TYPE_CHECKING:
     from corpus_tools.readers import Reading
 
-DONE, BAD_INPUT, SOME_FAILED, STOPPED = 0, 2, 3, 130
 CORPORA = ("grid", "lombard", "mead", "ravdess")
 
 
@@ -36,13 +48,13 @@ def main(argv: list[str] | None = None, prog: str = "python -m corpus_tools.cli"
         arguments = _parser(prog).parse_args(argv)
         return _finish(arguments, arguments.run(arguments))
     except InputError as error:
-        _complain(str(error))
+        complain(str(error))
         return BAD_INPUT
     except (MemoryError, OSError) as error:
-        _complain(" ".join(str(error).split()) or "ran out of memory; close other programs or use fewer --jobs")
+        complain(" ".join(str(error).split()) or "ran out of memory; close other programs or use fewer --jobs")
         return BAD_INPUT
     except KeyboardInterrupt:
-        _complain("stopped; what was finished before is kept")
+        complain("stopped; what was finished before is kept")
         return STOPPED
 
 
@@ -56,7 +68,7 @@ def run_protocol(arguments: argparse.Namespace) -> dict:
         return {"text": [text.rstrip("\n")], "protocol": text}
     if arguments.out is None:
         raise InputError("expected -o DIR for the sheet and the prompt page, or --print, got neither")
-    _prepare(Path(arguments.out))
+    prepare(Path(arguments.out))
     paths = write_protocol(arguments.out, protocol, text, speakers=arguments.speaker)
     clips_n = len(protocol.utterances) * protocol.repetitions_n
     facts = f"{len(protocol.utterances)} utterances x {protocol.repetitions_n}, {clips_n} clips a speaker"
@@ -74,7 +86,7 @@ def run_segment(arguments: argparse.Namespace) -> dict:
     from corpus_tools.protocol import load_protocol
 
     segment = _function("segment", "segment")
-    _prepare(Path(arguments.out))
+    prepare(Path(arguments.out))
     return segment(
         arguments.take,
         arguments.out,
@@ -123,7 +135,7 @@ def run_run(arguments: argparse.Namespace) -> dict:
 def run_average(arguments: argparse.Namespace) -> dict:
     """`corpus average`: calls `corpus_tools.report.write_report`."""
     write_report = _function("report", "write_report")
-    _prepare(Path(arguments.out))
+    prepare(Path(arguments.out))
     return write_report(
         arguments.store, arguments.out, by=arguments.by, parquet=arguments.parquet, progress=sys.stderr.isatty()
     )
@@ -167,9 +179,9 @@ def _is_default(arguments: argparse.Namespace) -> bool:
 def _told(reading: Reading) -> Reading:
     """Say once what is not measured."""
     for path, why in reading.misfits[:5]:
-        _complain(f"left out {path}: {why}")
+        complain(f"left out {path}: {why}")
     if len(reading.misfits) > 5:
-        _complain(f"left out {len(reading.misfits) - 5} more; 'lipmetrics corpus index' lists them")
+        complain(f"left out {len(reading.misfits) - 5} more; 'lipmetrics corpus index' lists them")
     return reading
 
 
@@ -186,54 +198,20 @@ def _finish(arguments: argparse.Namespace, answer: dict) -> int:
     """Print what a verb answers; the exit code follows from what failed."""
     failed = answer.get("failed") or []
     for one in failed:
-        _complain(f"{one['source']}: {one['error']}")
+        complain(f"{one['source']}: {one['error']}")
     lines = answer.pop("text", [])
     if arguments.json:
-        from lipmetrics.profile import without_nan
-
-        answer = {"command": f"corpus {arguments.verb}", **answer}
-        _say(json.dumps(without_nan(answer), indent=2, ensure_ascii=False, default=str))
+        say_json({"command": f"corpus {arguments.verb}", **answer})
     elif lines:
-        _say("\n".join(lines))
+        say("\n".join(lines))
     if not failed:
         return DONE
     return SOME_FAILED if answer.get("done_n", 1) else BAD_INPUT
 
 
-def _prepare(folder: Path) -> None:
-    """Find out before the work, not after it, that nothing can be written."""
-    probe = folder / f".lipmetrics.{os.getpid()}.part"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        probe.touch()
-        probe.unlink()
-    except OSError as error:
-        reason = error.strerror or error
-        raise InputError(f"expected an output folder to write to, got {folder}: {reason}; choose another -o") from None
-
-
-def _complain(text: str) -> None:
-    print(f"lipmetrics: {text}", file=sys.stderr)
-
-
-def _say(text: str) -> None:
-    """Print a result; once nobody reads on, the work goes on in silence."""
-    try:
-        print(text, flush=True)
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
-class _Parser(argparse.ArgumentParser):
-    """Says what is wrong in one line instead of a page of usage."""
-
-    def error(self, message: str):
-        self.exit(BAD_INPUT, f"{self.prog}: {message}; see '{self.prog} --help'\n")
-
-
 def _parser(prog: str) -> argparse.ArgumentParser:
-    parser = _Parser(prog=prog, description="From a recording session to one store of measurements, and its averages.")
-    verbs = parser.add_subparsers(title="commands", required=True, metavar="COMMAND", parser_class=_Parser)
+    parser = Parser(prog=prog, description="From a recording session to one store of measurements, and its averages.")
+    verbs = parser.add_subparsers(title="commands", required=True, metavar="COMMAND", parser_class=Parser)
     _add_protocol(verbs, prog)
     _add_segment(verbs, prog)
     _add_index(verbs, prog)
@@ -269,7 +247,9 @@ def _add_segment(verbs, prog: str) -> None:
     verb.add_argument("--cuts", metavar="CSV", help="start_s, stop_s and the fields of the names; without it: proposed")
     verb.add_argument("--protocol", metavar="TOML", help="names and lengths of the clips, if not the built-in protocol")
     verb.add_argument("--speaker", metavar="NAME", help="whose take it is, where the cuts are proposed")
-    verb.add_argument("--mark", type=_seconds, default=0.0, metavar="S", help="time of the page's mark in the take, s")
+    verb.add_argument(
+        "--mark", type=_from_zero, default=0.0, metavar="S", help="time of the page's mark in the take, s"
+    )
     verb.add_argument("--overwrite", action="store_true", help="replace clips that are there")
 
 
@@ -296,7 +276,7 @@ def _add_run(verbs, prog: str) -> None:
     )
     _add_reading(verb)
     verb.add_argument("-o", "--out", required=True, metavar="STORE.h5", help="the store, made if needed")
-    verb.add_argument("--jobs", type=_count, metavar="N", help="processes; one for every core if not given")
+    verb.add_argument("--jobs", type=count, metavar="N", help="processes; one for every core if not given")
     verb.add_argument("--dask", metavar="ADDRESS", help="measure on this Dask cluster, such as tcp://10.0.0.1:8786")
     verb.add_argument("--method", default="default", help="default, or thesis for the published baseline")
 
@@ -321,46 +301,22 @@ def _add_reading(verb: argparse.ArgumentParser) -> None:
     kind.add_argument("--corpus", choices=CORPORA, help="a known corpus by its own layout and names")
     kind.add_argument("--template", metavar="TEXT", help="names of the clips, such as {speaker}_{utterance}_{repeat:d}")
     verb.add_argument("--protocol", metavar="TOML", help="names of the clips, if not the built-in protocol")
-    verb.add_argument("--fps", type=_above_zero, help="pictures per second of clips that are folders of pictures")
+    verb.add_argument("--fps", type=above_zero, help="pictures per second of clips that are folders of pictures")
     verb.add_argument("--slices", metavar="TIER", help="measure words or phones (a tier of their TextGrids), not clips")
-    verb.add_argument("--margin", type=_seconds, default=0.0, metavar="S", help="added on both sides of a slice, s")
+    verb.add_argument("--margin", type=_from_zero, default=0.0, metavar="S", help="added on both sides of a slice, s")
 
 
 def _add_verb(verbs, name: str, run, what: str, example: str) -> argparse.ArgumentParser:
-    verb = verbs.add_parser(name, help=what, description=what[0].upper() + what[1:] + ".", epilog=f"example: {example}")
-    verb.add_argument("--json", action="store_true", help="print one machine-readable summary on stdout")
-    verb.set_defaults(run=run, verb=name)
+    verb = add_verb(verbs, name, run, what, example)
+    verb.set_defaults(verb=name)
     return verb
 
 
-def _number(text: str, what: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"expected {what}, got '{text}'")
-    return value
-
-
-def _seconds(text: str) -> float:
-    value = _number(text, "a time in seconds such as 1.5")
+def _from_zero(text: str) -> float:
+    value = seconds(text)
     if value < 0:
         raise argparse.ArgumentTypeError(f"expected a time of 0 s or more, got '{text}'")
     return value
-
-
-def _above_zero(text: str) -> float:
-    value = _number(text, "a number above 0")
-    if value <= 0:
-        raise argparse.ArgumentTypeError(f"expected a number above 0, got '{text}'")
-    return value
-
-
-def _count(text: str) -> int:
-    if not text.isascii() or not text.isdigit() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"expected a whole number of at least 1, got '{text}'")
-    return int(text)
 
 
 if __name__ == "__main__":

@@ -25,13 +25,9 @@ from corpus_tools.clips import Clip, Slice
 from corpus_tools.naming import Template
 from corpus_tools.slices import read_slices
 from corpus_tools.wording import nearest
+from lipmetrics.endings import PICTURE_ENDINGS, VIDEO_ENDINGS
 from lipmetrics.errors import InputError
 
-VIDEO_ENDINGS = {
-    *(".avi", ".m2ts", ".m4v", ".mkv", ".mov", ".mp4", ".mpeg"),
-    *(".mpg", ".mts", ".ogv", ".ts", ".webm", ".wmv"),
-}
-PICTURE_ENDINGS = {".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp"}
 GRID_FPS = 25.0
 
 # the six letters of a sentence of GRID and their words; w is the one letter of the alphabet that GRID leaves out

@@ -10,8 +10,9 @@ def test_depth_buffer_against_a_loop_over_pixels():
     rng = np.random.default_rng(0)
     height, width = 23, 31
     places = rng.uniform(-5, 36, (60, 2))
-    depth = rng.uniform(0, 1, 60)
-    triangles = np.arange(60, dtype=np.uint32).reshape(-1, 3)
+    # Laid out as render passes them on: code is compiled for each layout anew.
+    depth = rng.uniform(0, 1, (60, 3))[:, 2]
+    triangles = np.asfortranarray(np.arange(60, dtype=np.uint32).reshape(-1, 3))
     nearest, owner = np.empty((2, height, width), np.float32)
     bary = np.zeros((2, height, width), np.float32)
     raster.draw_triangles(places, depth, triangles, nearest, owner, bary)
