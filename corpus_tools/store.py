@@ -9,8 +9,8 @@
     /failed/<name>                a clip that could not be measured: the same attributes, lasting, about and reason
 
 Closed is 0, unknown is NaN. `docs/corpus_store.md` says more. A store is never changed in place: `write_store` makes a
-new one out of parts, each of which is a store of one clip. So it is whole or not there, and two stores of the same parts
-have the same bytes, in whatever order the parts came.
+new one out of parts, each of which is a store of one clip. So it is whole or not there, and two stores of the same
+parts have the same bytes, in whatever order the parts came.
 """
 
 from __future__ import annotations
@@ -20,7 +20,9 @@ import io
 import json
 import math
 import os
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping
+from contextlib import ExitStack, nullcontext
 from pathlib import Path
 
 import h5py
@@ -251,28 +253,32 @@ def store_of_failure(clip: Clip, reason: str, key: Key) -> bytes:
     return _in_memory(fill)
 
 
-def write_store(path: Path, parts: Mapping[str, Store], clips: Iterable[Clip] = (), seen: Mapping[str, str] = {}):
+def write_store(
+    path: Path, parts: Mapping[str, Path], clips: Iterable[Clip] = (), seen: Mapping[str, str] | None = None
+) -> None:
     """Write a store to `path`, which must not be there: the clip of each name out of its part.
 
     Parameters
     ----------
-    parts : stores by name of the clip to be taken from it, measured or failed
+    parts : paths of stores, by name of the clip to be taken from it, measured or failed
     clips : what is said of the clips now, where it should replace what the part says
     seen : the same for `Key.seen`
     """
     now = {clip.name: _json_about(clip) for clip in clips}
-    with h5py.File(path, "w-") as file:
+    uses = Counter(parts.values())
+    with h5py.File(path, "w-") as file, ExitStack() as stack:
         _put_meta(file)
         groups = {kind: file.create_group(kind) for kind in ("clips", "failed")}
+        often = {part: stack.enter_context(Store(part)) for part, n in uses.items() if n > 1}
         for name in sorted(parts):
-            source = parts[name]._file
-            kind = "clips" if name in parts[name]._group("clips") else "failed"
-            source.copy(source[kind][name], groups[kind], name)
+            with nullcontext(often[parts[name]]) if parts[name] in often else Store(parts[name]) as part:
+                kind = "clips" if name in part._group("clips") else "failed"
+                part._file.copy(part._file[kind][name], groups[kind], name)
             group = groups[kind][name]
             if name in now and _text(group["about"]) != now[name]:
                 del group["about"]
                 _put_text(group, "about", now[name])
-            if name in seen:
+            if seen and name in seen:
                 group.attrs["seen"] = np.bytes_(seen[name])
 
 
