@@ -46,6 +46,10 @@ def main(argv: list[str] | None = None) -> int:
         from simulator.viewer import main as view
 
         return view(words[1:], prog="lipmetrics view")
+    if words[:1] == ["study"]:
+        from study.cli import main as study
+
+        return study(words[1:], prog="lipmetrics study")
     try:
         arguments = _parser().parse_args(words)
         return arguments.run(arguments)
@@ -316,6 +320,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_demo(verbs)
     verbs.add_parser("simulate", help="ground-truth clips of sticky mouths from scenes", add_help=False)
     verbs.add_parser("view", help="replay a simulated clip in the browser", add_help=False)
+    verbs.add_parser("study", help="design, run and analyse a study that compares videos in pairs", add_help=False)
     return parser
 
 

@@ -1,0 +1,389 @@
+"""Answers of an A/B study as one long table, and questions to it: who, which action, how often a against b."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import re
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from study.design import Design, load_design, stimuli_from_codes, stimuli_from_csv
+from study.errors import InputError
+from study.wording import nearest, short
+
+REQUIRED = ("participant", "left", "right", "chosen")
+DATA = Path(__file__).parent / "data"
+#: class of speed of the thesis's actions, from its sections 5.1.2 and 5.1.4 (see data/SOURCE.md)
+THESIS_SPEED = {
+    "open_fast": "fast",
+    "p": "fast",
+    "puppy": "fast",
+    "open_slow": "slow",
+    "m": "slow",
+    "mummy": "slow",
+}
+_CONDITIONS = ("participant", "action", "level", "audio", "speed")
+_TEXT = ("participant", "left", "right", "chosen", "kind", "action", "speed", "expected")
+
+
+@dataclasses.dataclass(frozen=True)
+class Preference:
+    """How often a was chosen against b.
+
+    Parameters
+    ----------
+    for_a, for_b, ties : answers
+    """
+
+    for_a: int
+    for_b: int
+    ties: int = 0
+
+    @property
+    def n(self) -> int:
+        """Answers for one or the other, ties left out."""
+        return self.for_a + self.for_b
+
+    @property
+    def ratio(self) -> float:
+        """Preference ratio for_a / for_b; infinite if b was never chosen, NaN without answers."""
+        if self.for_b:
+            return self.for_a / self.for_b
+        return np.inf if self.for_a else np.nan
+
+    @property
+    def share(self) -> float:
+        """for_a / n; NaN without answers."""
+        return self.for_a / self.n if self.n else np.nan
+
+
+@dataclasses.dataclass(frozen=True)
+class Choices:
+    """Answers to "a or b?" as arrays, for the statistics.
+
+    Parameters
+    ----------
+    y : (N,) 1 for a, 0 for b, 0.5 for a tie
+    person, item : (N,) index of the participant and of the pair of videos, from 0
+    persons, items : their names
+    table : (N) rows of the answers they come from
+    """
+
+    y: np.ndarray
+    person: np.ndarray
+    item: np.ndarray
+    persons: tuple[str, ...]
+    items: tuple[str, ...]
+    table: pd.DataFrame
+
+
+@dataclasses.dataclass(frozen=True)
+class Answers:
+    """A long table of answers.
+
+    Parameters
+    ----------
+    table : one row per answer: participant, left, right, chosen ('' for a tie), pair (name of the pair of videos, the
+        same whichever stands left), action, level_left, level_right, audio (0 or 1), speed, kind (test, practice or
+        catch), trial (position in the session, from 1), and further columns as they came
+    source : where it comes from, in words
+    sides_known : whether `left` and `right` say where the videos stood; False: nothing can be said about sides
+    positions_known : whether `trial` says in which order the participant answered
+    """
+
+    table: pd.DataFrame
+    source: str = ""
+    sides_known: bool = True
+    positions_known: bool = True
+
+    def __len__(self) -> int:
+        return len(self.table)
+
+    @property
+    def participants(self) -> list[str]:
+        return _in_order(self.table["participant"].unique())
+
+    @property
+    def levels(self) -> list:
+        """Levels, least first; numbers if all are."""
+        return _in_order(pd.unique(self.table[["level_left", "level_right"]].to_numpy().ravel()))
+
+    @property
+    def actions(self) -> list[str]:
+        """Actions in the order in which they come in the table of pairs."""
+        return list(dict.fromkeys(self.table.sort_values("_order", kind="stable")["action"]))
+
+    @functools.cached_property
+    def tests(self) -> Answers:
+        """Without practice and catch trials."""
+        return dataclasses.replace(self, table=self.table[self.table["kind"] == "test"])
+
+    def where(self, **conditions) -> Answers:
+        """The answers that meet all conditions: a column and the value, or several values, that it must have.
+
+        `level` asks that both videos have one of the levels. `where(action="m", audio=1, level=[0, 7])`.
+
+        Raises
+        ------
+        InputError : no such column, or a value that never comes in it
+        """
+        keep = np.ones(len(self.table), dtype=bool)
+        for name, wanted in conditions.items():
+            if name == "level":
+                wanted = self._levels(wanted)
+                keep &= (self.table["level_left"].isin(wanted) & self.table["level_right"].isin(wanted)).to_numpy()
+                continue
+            if name not in self.table or name.startswith("_"):
+                known = [*_CONDITIONS, *(c for c in self.table if c not in _CONDITIONS and not c.startswith("_"))]
+                raise InputError(f"expected a column of the answers, got {nearest(name, known)}")
+            text = self.table[name].astype(str)
+            values = [str(int(one)) if isinstance(one, bool) else str(one) for one in _several(wanted)]
+            present = set(text)
+            for one in values:
+                if one not in present:
+                    raise InputError(f"expected a value that {name} has, got {nearest(one, sorted(present))}")
+            keep &= text.isin(values).to_numpy()
+        return dataclasses.replace(self, table=self.table[keep])
+
+    def preference(self, a: Iterable, b: Iterable) -> Preference:
+        """How often a level of `a` was chosen in trials against a level of `b` (levels, or several)."""
+        y = self.choices(a, b).y
+        return Preference(int((y == 1).sum()), int((y == 0).sum()), int((y == 0.5).sum()))
+
+    def choices(self, a: Iterable, b: Iterable) -> Choices:
+        """The trials of a level of `a` against a level of `b`, as arrays.
+
+        Raises
+        ------
+        InputError : an unknown level, or one that is in both
+        """
+        a, b = self._levels(a), self._levels(b)
+        both = [level for level in a if level in b]
+        if both:
+            raise InputError(f"expected different levels on the two sides, got {both[0]} on both")
+        left, right = self.table["level_left"], self.table["level_right"]
+        a_left = (left.isin(a) & right.isin(b)).to_numpy()
+        a_right = (left.isin(b) & right.isin(a)).to_numpy()
+        table = self.table[a_left | a_right]
+        chosen, a_code = table["chosen"], table["left"].where(a_left[a_left | a_right], table["right"])
+        y = np.where(chosen == "", 0.5, (chosen == a_code).astype(float))
+        return choices_from(table, y)
+
+    def sticky(self) -> tuple[list, list]:
+        """The levels above the least, and the least: the question "with the effect or without?"."""
+        levels = self.levels
+        if len(levels) < 2:
+            raise InputError(f"expected at least two levels, got {', '.join(map(str, levels)) or 'none'}")
+        return levels[1:], levels[:1]
+
+    def _levels(self, wanted) -> list:
+        by_text = {_plain(level): level for level in self.levels}
+        found = []
+        for one in _several(wanted):
+            if _plain(one) not in by_text:
+                raise InputError(f"expected a level of the answers, got {nearest(_plain(one), by_text)}")
+            found.append(by_text[_plain(one)])
+        return found
+
+
+def choices_from(table: pd.DataFrame, y: np.ndarray) -> Choices:
+    """Arrays of some rows of `Answers.table` and what was answered in them (N,)."""
+    persons, items = _in_order(table["participant"].unique()), list(dict.fromkeys(table["pair"]))
+    number = {name: i for i, name in enumerate(persons)}
+    place = {name: i for i, name in enumerate(items)}
+    person = table["participant"].map(number).to_numpy(dtype=np.int64)
+    item = table["pair"].map(place).to_numpy(dtype=np.int64)
+    return Choices(np.asarray(y, dtype=float), person, item, tuple(persons), tuple(items), table)
+
+
+def thesis_answers() -> Answers:
+    """The 1,152 answers of the thesis's study (study/data/SOURCE.md), sides not known, order known.
+
+    `left` is the video of the lower level, wherever it stood.
+    """
+    questions = pd.read_csv(DATA / "questions.csv")
+    answers = pd.read_csv(DATA / "answers.csv").merge(questions, on="question", how="left", validate="many_to_one")
+    table = answers.rename(
+        columns={
+            "position": "trial",
+            "chosen_video": "chosen",
+            "video_1": "left",
+            "video_2": "right",
+            "level_1": "level_left",
+            "level_2": "level_right",
+        }
+    )
+    table["speed"] = table["action"].map(THESIS_SPEED)
+    source = "M. I. Leach, Physically-based Animation of 'Sticky Lips', thesis, Sheffield 2020, appendix A"
+    answers = answers_from(table, source=source, name="the thesis's answers")
+    return dataclasses.replace(answers, sides_known=False)
+
+
+def load_answers(
+    path: str | Path, *, design: Design | str | Path | None = None, stimuli: str | Path | None = None
+) -> Answers:
+    """Answers of a CSV with a row per answer and at least participant, left, right and chosen.
+
+    What the codes of the videos stand for comes from, first to last: columns of the table itself (level_left,
+    level_right, action, audio, speed), `stimuli` (a CSV with the columns stimulus, action, level, audio, speed),
+    `design` (a design or its design.json), the codes themselves (puppy_7: action puppy, level 7). Other columns stay
+    and can be asked for by name.
+
+    Raises
+    ------
+    InputError : no such file, a column missing, a choice that was not shown, an answer twice, no answers
+    """
+    path = Path(path)
+    try:
+        table = pd.read_csv(path, dtype=str, keep_default_na=False)
+    except (OSError, ValueError) as error:
+        raise InputError(f"expected a table of answers in {path}, but: {short(str(error))}") from None
+    if isinstance(design, (str, Path)):
+        design = load_design(design)
+    known = stimuli_from_csv(stimuli) if stimuli else list(design.stimuli) if design else None
+    return answers_from(table, known, source=str(path), name=str(path))
+
+
+def answers_from(table: pd.DataFrame, stimuli=None, *, source: str = "", name: str = "the answers") -> Answers:
+    """Answers of a table as `load_answers` reads it; `stimuli` is a list of `study.design.Stimulus` or None."""
+    table = table.rename(columns=lambda column: str(column).strip().lower()).reset_index(drop=True)
+    missing = [column for column in REQUIRED if column not in table]
+    if missing:
+        raise InputError(
+            f"{name}: expected the columns {', '.join(REQUIRED)}, got {short(', '.join(table)) or 'none'}; "
+            f"rename or add {', '.join(missing)}"
+        )
+    if not len(table):
+        raise InputError(f"{name}: expected at least one answer, got only a header")
+    for column in _TEXT:
+        if column in table:
+            table[column] = table[column].fillna("").astype(str).str.strip()
+    if "session" in table:  # of somebody whose place another participant took
+        table = table[table["session"].astype(str) != "replaced"].reset_index(drop=True)
+    positions_known = "trial" in table
+    if "kind" not in table:
+        table["kind"] = "test"
+    table["kind"] = table["kind"].where(table["kind"] != "", "test")
+    _check(table, name)
+    table = _with_attributes(table, stimuli, name)
+    if positions_known:
+        table["trial"] = _numbers(table["trial"], "trial", name)
+    else:
+        table["trial"] = table.groupby("participant").cumcount() + 1
+    table["_order"] = _pair_order(table)
+    return Answers(table, source, True, positions_known)
+
+
+def _check(table: pd.DataFrame, name: str) -> None:
+    def first(wrong: pd.Series) -> int:
+        return int(np.flatnonzero(wrong.to_numpy())[0])
+
+    for column in ("participant", "left", "right"):
+        empty = table[column] == ""
+        if empty.any():
+            raise InputError(f"{name}, answer {first(empty) + 1}: expected a {column}, got an empty cell")
+    same = table["left"] == table["right"]
+    if same.any():
+        row = first(same)
+        raise InputError(f"{name}, answer {row + 1}: expected two different videos, got {table['left'][row]} twice")
+    wrong = (table["chosen"] != table["left"]) & (table["chosen"] != table["right"]) & (table["chosen"] != "")
+    if wrong.any():
+        row = first(wrong)
+        shown = [table["left"][row], table["right"][row]]
+        raise InputError(
+            f"{name}, answer {row + 1}: expected chosen to be {shown[0]}, {shown[1]} or empty (a tie), "
+            f"got {nearest(table['chosen'][row], shown)}"
+        )
+    if "trial" in table:
+        twice = table.duplicated(["participant", "trial"])
+        if twice.any():
+            row = first(twice)
+            raise InputError(
+                f"{name}: expected one answer per participant and trial, got trial {table['trial'][row]} of participant "
+                f"{table['participant'][row]} twice"
+            )
+
+
+def _with_attributes(table: pd.DataFrame, stimuli, name: str) -> pd.DataFrame:
+    codes = sorted(set(table["left"]) | set(table["right"]))
+    needs = [c for c in ("level_left", "level_right", "action", "audio", "speed") if c not in table]
+    if needs:
+        if stimuli is None:
+            stimuli = stimuli_from_codes(codes)
+        by_code = {one.code: one for one in stimuli}
+        for code in codes:
+            if code not in by_code:
+                raise InputError(f"{name}: expected videos of the design, got {nearest(code, by_code)}")
+        of = {
+            "level_left": ("left", "level"),
+            "level_right": ("right", "level"),
+            "action": ("left", "action"),
+            "audio": ("left", "audio"),
+            "speed": ("left", "speed"),
+        }
+        for column in needs:
+            side, attribute = of[column]
+            table[column] = table[side].map({code: getattr(one, attribute) for code, one in by_code.items()})
+    for column in ("action", "speed"):
+        table[column] = table[column].fillna("").astype(str)
+    audio = table["audio"].astype(str).str.strip().str.lower()
+    yes, no = audio.isin(["1", "true", "yes", "1.0"]), audio.isin(["0", "false", "no", "0.0", "", "nan"])
+    if not (yes | no).all():
+        raise InputError(f"{name}: expected 0 or 1 under audio, got '{short(audio[~(yes | no)].iloc[0])}'")
+    table["audio"] = yes.astype(int)
+    levels = {column: table[column].astype(str).str.strip() for column in ("level_left", "level_right")}
+    as_numbers = {column: pd.to_numeric(text, errors="coerce") for column, text in levels.items()}
+    if all(np.isfinite(one).all() for one in as_numbers.values()):
+        whole = all((one == one.round()).all() for one in as_numbers.values())
+        levels = {column: one.astype(int) if whole else one.astype(float) for column, one in as_numbers.items()}
+    for column, values in levels.items():
+        table[column] = values
+    low = np.where(table["left"] < table["right"], table["left"], table["right"])
+    high = np.where(table["left"] < table["right"], table["right"], table["left"])
+    table["pair"] = [f"{a} {b}" for a, b in zip(low, high, strict=True)]
+    return table
+
+
+def _pair_order(table: pd.DataFrame) -> pd.Series:
+    """Place of the pair: by question where the table numbers them, else by first appearance."""
+    if "question" in table:
+        numbers = pd.to_numeric(table["question"], errors="coerce")
+        if numbers.notna().all():
+            return numbers
+    return pd.Series(pd.factorize(table["pair"])[0], index=table.index)
+
+
+def _numbers(column: pd.Series, what: str, name: str) -> pd.Series:
+    numbers = pd.to_numeric(column, errors="coerce")
+    wrong = ~np.isfinite(numbers)
+    if wrong.any():
+        raise InputError(f"{name}: expected numbers under {what}, got '{short(str(column[wrong].iloc[0]))}'")
+    return numbers.astype(int)
+
+
+def _several(wanted) -> list:
+    if isinstance(wanted, (str, bytes)) or not isinstance(wanted, Iterable):
+        return [wanted]
+    return list(wanted)
+
+
+def _plain(level) -> str:
+    text = str(level).strip()
+    try:
+        return f"{float(text):g}"
+    except ValueError:
+        return text
+
+
+def _in_order(values: Iterable) -> list:
+    """Sorted as a person would: 2 before 10, also within names."""
+
+    def key(value):
+        parts = re.split(r"(\d+(?:\.\d+)?)", str(value))
+        return [(0, float(part), "") if i % 2 else (1, 0.0, part) for i, part in enumerate(parts) if part or i % 2]
+
+    return sorted((v.item() if isinstance(v, np.generic) else v for v in values), key=key)

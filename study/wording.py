@@ -1,0 +1,27 @@
+"""Words for messages: lists of choices, and the known name that a wrong one was probably meant to be."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+def choices(names: Iterable) -> str:
+    """`a, b or c`."""
+    *most, last = map(str, names)
+    return f"{', '.join(most)} or {last}" if most else last
+
+
+def nearest(name: str, known: Iterable[str], quotes: str = "''") -> str:
+    """The name in quotes and, where one of `known` is near, the question whether that was meant."""
+    left, right = quotes
+    by_lower = {word.lower(): word for word in known}
+    near = difflib.get_close_matches(str(name).lower(), list(by_lower), n=1)
+    question = f"; did you mean {left}{by_lower[near[0]]}{right}?" if near else ""
+    return f"{left}{short(str(name))}{right}{question}"
+
+
+def short(text: str) -> str:
+    """On one line and not longer than 40 characters."""
+    text = " ".join(text.split())
+    return text if len(text) <= 40 else text[:37] + "..."
