@@ -303,8 +303,8 @@ def _check(table: pd.DataFrame, name: str) -> None:
         if twice.any():
             row = first(twice)
             raise InputError(
-                f"{name}: expected one answer per participant and trial, got trial {table['trial'][row]} of participant "
-                f"{table['participant'][row]} twice"
+                f"{name}: expected one answer per participant and trial, got trial {table['trial'][row]} of "
+                f"participant {table['participant'][row]} twice"
             )
 
 
