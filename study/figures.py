@@ -1,8 +1,8 @@
 """Figures of a study: bar charts of how often each level was chosen, as thesis figures 5.2 to 5.20 have them but with
 intervals, and rows of estimates with their intervals.
 
-Whiskers of the bars are exact (Clopper and Pearson) and take every answer for an independent one, as the thesis does; they
-are too short where a participant's answers hang together. The rows of estimates show intervals that allow for that.
+Whiskers of the bars are exact (Clopper and Pearson) and take every answer for an independent one, as the thesis does;
+they are too short where a participant's answers hang together. Rows of estimates have intervals that allow for that.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import numpy as np
 
 from study.atomic import whole_file
 from study.binomial import clopper_pearson, p_two_sided
+from study.printed import level_names, number, p_text
 from study.responses import Answers
 
 if TYPE_CHECKING:
@@ -70,8 +71,8 @@ class Chart:
     ----------
     name : of its file, without ending
     title : above it
-    kind : "grouped" (all levels above the least against the least), "pairs" (every pair of levels), "levels" (each level
-        against all others)
+    kind : "grouped" (all levels above the least against the least), "pairs" (every pair of levels) or "levels" (each
+        level against all others)
     parts : title and conditions (of `Answers.where`) of each part
     """
 
@@ -133,7 +134,7 @@ THESIS_CHARTS = _thesis_charts()
 
 def charts_of(answers: Answers) -> tuple[Chart, ...]:
     """Charts that suit any answers: all trials together, and each action (and audio) by itself."""
-    grouped = f"{_names(answers.sticky()[0])} or {_names(answers.sticky()[1])}"
+    grouped = f"{level_names(answers.sticky()[0])} or {level_names(answers.sticky()[1])}"
     found = [Chart("all", f"All trials: {grouped}", "grouped", (("", {}),))]
     levels_n = len(answers.levels)
     pairs = 1 < levels_n * (levels_n - 1) // 2 <= MOST_PAIRS_N
@@ -185,15 +186,15 @@ def _panels(kind: str, title: str, answers: Answers) -> list[Panel]:
 
 def _two_bars(title: str, answers: Answers, a: list, b: list, colours: tuple[str, str]) -> Panel:
     seen = answers.preference(b, a)
-    bars = (Bar(_names(a), seen.for_b, seen.n, colours[0]), Bar(_names(b), seen.for_a, seen.n, colours[1]))
-    note = f"ratio {_ratio(seen.ratio)}, p {_p(p_two_sided(seen.for_a, seen.n))}" if seen.n else "no answers"
+    bars = (Bar(level_names(a), seen.for_b, seen.n, colours[0]), Bar(level_names(b), seen.for_a, seen.n, colours[1]))
+    note = f"ratio {number(seen.ratio)}, p = {p_text(p_two_sided(seen.for_a, seen.n))}" if seen.n else "no answers"
     ties = f", {seen.ties} ties" if seen.ties else ""
     return Panel(title, bars, note + ties)
 
 
 def _level_bar(answers: Answers, level, colour: str) -> Bar:
     seen = answers.preference([level], [other for other in answers.levels if other != level])
-    return Bar(_names([level]), seen.for_a, seen.n, colour)
+    return Bar(level_names([level]), seen.for_a, seen.n, colour)
 
 
 def draw_panels(panels: Sequence[Panel], title: str) -> Figure:
@@ -346,27 +347,6 @@ def write_figure(figure: Figure, path: str | Path) -> Path:
     with rc_context(_STYLE), whole_file(path) as part:
         figure.savefig(part, format="png", metadata={"Software": None})
     return Path(path)
-
-
-def _names(levels: list) -> str:
-    """`level 0`, `levels 4, 7, 10`, or names as they are."""
-    text = [f"{level:g}" if isinstance(level, float) else str(level) for level in levels]
-    if all(isinstance(level, (int, float)) for level in levels):
-        joined = ", ".join(text) if len(text) <= 4 else f"{text[0]} to {text[-1]}"
-        return f"level{'s' * (len(text) > 1)} {joined}"
-    if len(text) > 3:
-        return f"{len(text)} others"
-    return ", ".join(text)
-
-
-def _ratio(ratio: float) -> str:
-    return "∞" if np.isinf(ratio) else f"{ratio:.2f}"
-
-
-def _p(p: float) -> str:
-    if p < 0.001:
-        return f"= {p:.1e}".replace("e-0", "e-")
-    return f"= {p:.3f}" if p < 0.1 else f"= {p:.2f}"
 
 
 def _wrapped(text: str, width_in: float) -> str:
