@@ -8,10 +8,10 @@ sample. With y = 1 where a was chosen,
     V = s_person^2 sum(n_i^2)/N^2 + s_pair^2 sum(m_j^2)/N^2 + s_rest^2 / N,
 
 where n_i are the answers of participant i, m_j those to pair j, and the three variances come from the sums of squares
-(analysis of variance estimators, Searle, Casella and McCulloch, Variance Components, 1992, section 5.3), negative ones set
-to 0. How T is distributed depends on the variances, and no table has it: it is found by drawing normal y of the same
-layout with the estimated variances (parametric bootstrap of a studentised statistic). benchmarks/study.py measures the
-errors of the first kind, and compares with the tests that were not taken.
+(analysis of variance estimators; Searle, Casella and McCulloch, Variance Components, 1992, chapter 5), negative ones
+set to 0. How T is distributed depends on the variances, and no table has it: it is found by drawing normal y of the
+same layout with the estimated variances (parametric bootstrap of a studentised statistic). benchmarks/study.py measures
+the errors of the first kind, and compares with the tests that were not taken.
 """
 
 from __future__ import annotations
@@ -75,17 +75,15 @@ def headline(
     persons_n, items_n = len(choices.persons), len(choices.items)
     if min(persons_n, items_n) < 3 or len(y) < persons_n + items_n:
         raise InputError(
-            f"expected answers of at least 3 participants to at least 3 pairs, and more than both together, got {len(y)} "
-            f"of {persons_n} to {items_n}"
+            "expected answers of at least 3 participants to at least 3 pairs, and more than both together, got "
+            f"{len(y)} of {persons_n} to {items_n}"
         )
     layout = _Layout(person, item, persons_n, items_n)
     mean, parts = float(y.mean()), layout.variances(y[None] - null)[:, 0]
     variance = float(layout.weights @ parts)
-    rng = np.random.default_rng(seed)
-    chunk = max(1, 4_000_000 // len(y))
-    drawn = np.concatenate([_null_t2(layout, parts, min(chunk, draws - at), rng) for at in range(0, draws, chunk)])
+    drawn = layout.null_t2(parts, draws, np.random.default_rng(seed))
     t2 = _ratio((mean - null) ** 2, variance)
-    p = float((1 + np.sum(drawn >= t2 * (1 - 1e-12))) / (draws + 1))
+    p = two_way_p(t2, drawn)
     # the k-th largest, so that p > 1 - level exactly where the interval holds the null
     k = max(1, int(np.floor((1 - level) * (draws + 1) + 1e-9)))
     half = float(np.sqrt(np.partition(drawn, draws - k)[draws - k] * variance))
@@ -111,6 +109,53 @@ def headline(
         draws,
         seed,
     )
+
+
+def two_way_p(t2: float, drawn: np.ndarray) -> float:
+    """p of T^2 among drawn ones (B,)."""
+    return float((1 + np.sum(drawn >= t2 * (1 - 1e-12))) / (len(drawn) + 1))
+
+
+# -- everybody answered everything once: the same test, many studies at a time ----------------------------------------
+
+
+def t2_complete(y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """T^2 (S,) and variances (3, S) of studies y (S, I, J) whose null is 0."""
+    _, persons_n, items_n = y.shape
+    middle = y.mean((1, 2))
+    persons = items_n * ((y.mean(2) - middle[:, None]) ** 2).sum(1)
+    items = persons_n * ((y.mean(1) - middle[:, None]) ** 2).sum(1)
+    rest = np.maximum(((y - middle[:, None, None]) ** 2).sum((1, 2)) - persons - items, 0)
+    squares = persons / (persons_n - 1), items / (items_n - 1), rest / ((persons_n - 1) * (items_n - 1))
+    parts = _parts_complete(*squares, persons_n, items_n)
+    return _ratio(middle**2, _weights_complete(persons_n, items_n) @ parts), parts
+
+
+def null_t2_complete(persons_n: int, items_n: int, draws: int, rng: np.random.Generator):
+    """A function of variances (3,) that gives T^2 (draws,) without a preference, from one set of random numbers."""
+    z2 = rng.chisquare(1, draws)
+    freedom = persons_n - 1, items_n - 1, (persons_n - 1) * (items_n - 1)
+    spread = [rng.chisquare(one, draws) / one for one in freedom]
+    weights = _weights_complete(persons_n, items_n)
+
+    def null_t2(parts: np.ndarray) -> np.ndarray:
+        person, item, rest = parts
+        squares = (rest + items_n * person) * spread[0], (rest + persons_n * item) * spread[1], rest * spread[2]
+        return _ratio(weights @ parts * z2, weights @ _parts_complete(*squares, persons_n, items_n))
+
+    return null_t2
+
+
+def _parts_complete(persons, items, rest, persons_n: int, items_n: int) -> np.ndarray:
+    """(3, ...) variances from the mean squares between participants, between pairs, and of the rest."""
+    return np.stack([np.maximum(persons - rest, 0) / items_n, np.maximum(items - rest, 0) / persons_n, rest])
+
+
+def _weights_complete(persons_n: int, items_n: int) -> np.ndarray:
+    return np.array([1 / persons_n, 1 / items_n, 1 / (persons_n * items_n)])
+
+
+# -- any layout -------------------------------------------------------------------------------------------------------
 
 
 def _few(persons_n: int, items_n: int) -> tuple:
@@ -143,31 +188,42 @@ class _Layout:
         )
         if np.linalg.cond(self.expected / n) > 1e8:
             raise InputError(
-                "expected several pairs of each participant and several participants of each pair; these answers cannot "
-                "tell participants from pairs"
+                "expected several pairs of each participant and several participants of each pair; these answers "
+                "cannot tell participants from pairs"
             )
         self.solve = np.linalg.inv(self.expected)
         self.weights = np.array([k1 / n, k2 / n, 1 / n])  # variance of the mean from the three variances
 
     def variances(self, y: np.ndarray) -> np.ndarray:
         """(3, B) variances of person, pair and rest, not below 0, from y (B, N)."""
-        n = y.shape[1]
-        middle = y.sum(1) ** 2 / n
-        squares = (y**2).sum(1)
-        persons = ((y @ self.by_person) ** 2 / self.person_n).sum(1)
-        items = ((y @ self.by_item) ** 2 / self.item_n).sum(1)
-        found = self.solve @ np.stack([persons - middle, items - middle, squares - middle])
-        return np.maximum(found, 0)
+        return self._from_sums(y @ self.by_person, y @ self.by_item, (y**2).sum(1))
 
+    def null_t2(self, parts: np.ndarray, draws: int, rng: np.random.Generator) -> np.ndarray:
+        """(draws,) T^2 of normal answers with the variances `parts` (3,) and without a preference.
 
-def _null_t2(layout: _Layout, parts: np.ndarray, draws: int, rng: np.random.Generator) -> np.ndarray:
-    """(draws,) T^2 of normal answers without a preference."""
-    n, persons_n, items_n = layout.shape
-    person_sd, item_sd, rest_sd = np.sqrt(parts)
-    y = rng.normal(0, 1, (draws, n)) * rest_sd
-    y += (rng.normal(0, 1, (draws, persons_n)) * person_sd)[:, layout.person]
-    y += (rng.normal(0, 1, (draws, items_n)) * item_sd)[:, layout.item]
-    return _ratio(y.mean(1) ** 2, layout.weights @ layout.variances(y))
+        Only the part of y in the space of the sums over participants and pairs is drawn; of the rest, (N - R)
+        dimensions, only the sum of squares is needed.
+        """
+        n, persons_n, items_n = self.shape
+        both = np.hstack([self.by_person, self.by_item])
+        u, size, _ = np.linalg.svd(both, full_matrices=False)
+        basis = u[:, size > 1e-9 * size[0]]
+        rank = basis.shape[1]
+        sd = np.repeat(np.sqrt(parts[:2]), [persons_n, items_n])
+        y = rng.normal(0, 1, (draws, rank)) * np.sqrt(parts[2])
+        y += (rng.normal(0, 1, (draws, persons_n + items_n)) * sd) @ (both.T @ basis)
+        square = (y**2).sum(1)
+        if n > rank:
+            square += parts[2] * rng.chisquare(n - rank, draws)
+        sums = y @ (basis.T @ both)
+        by_person, by_item = sums[:, :persons_n], sums[:, persons_n:]
+        return _ratio((by_person.sum(1) / n) ** 2, self.weights @ self._from_sums(by_person, by_item, square))
+
+    def _from_sums(self, by_person: np.ndarray, by_item: np.ndarray, square: np.ndarray) -> np.ndarray:
+        middle = by_person.sum(1) ** 2 / self.shape[0]
+        persons = (by_person**2 / self.person_n).sum(1)
+        items = (by_item**2 / self.item_n).sum(1)
+        return np.maximum(self.solve @ np.stack([persons - middle, items - middle, square - middle]), 0)
 
 
 def _ratio(square, variance):
