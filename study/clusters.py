@@ -6,6 +6,7 @@ These hold for the pairs of videos that were shown; `study.headline` also allows
 from __future__ import annotations
 
 import dataclasses
+import functools
 
 import numpy as np
 from scipy import stats
@@ -81,9 +82,12 @@ def sums(y: np.ndarray, cluster: np.ndarray, clusters_n: int) -> tuple[np.ndarra
     return np.bincount(cluster, y, clusters_n), np.bincount(cluster, minlength=clusters_n)
 
 
+@functools.lru_cache(maxsize=8)
 def bootstrap_weights(persons_n: int, seed: int, n: int = BOOTSTRAPS) -> np.ndarray:
-    """(B, I) how often each participant is drawn in each of n bootstrap samples."""
-    return np.random.default_rng(seed).multinomial(persons_n, np.full(persons_n, 1 / persons_n), size=n).astype(float)
+    """(B, I) how often each participant is drawn in each of n bootstrap samples; not to be written to."""
+    drawn = np.random.default_rng(seed).multinomial(persons_n, np.full(persons_n, 1 / persons_n), size=n).astype(float)
+    drawn.flags.writeable = False
+    return drawn
 
 
 def expanded_percentiles(drawn: np.ndarray, persons_n: int, level: float) -> tuple:

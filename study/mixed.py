@@ -57,7 +57,8 @@ def statsmodels_installed() -> bool:
 def gee(choices: Choices, *, level: float = 0.95) -> LogOdds:
     """Mean over people, pairs taken as given: GEE with exchangeable answers within participants; ties left out.
 
-    Bias-reduced covariance (Mancl and DeRouen, Biometrics 57, 2001), Student's t with participants - 1 degrees of freedom.
+    Bias-reduced covariance (Mancl and DeRouen, Biometrics 57, 2001), Student's t with participants - 1 degrees of
+    freedom.
 
     Raises
     ------
@@ -81,9 +82,9 @@ def gee(choices: Choices, *, level: float = 0.95) -> LogOdds:
 def mixed_logit(choices: Choices, *, level: float = 0.95) -> LogOdds:
     """The middle participant and pair: logit = beta + normal effect of the participant + of the pair; ties left out.
 
-    Maximum likelihood by Laplace's approximation (Breslow and Clayton, Journal of the American Statistical Association 88,
-    1993); standard error from the curvature in all three parameters, Student's t with the lesser of participants - 1 and
-    pairs - 1 degrees of freedom.
+    Maximum likelihood by Laplace's approximation (Breslow and Clayton, Journal of the American Statistical Association
+    88, 1993); standard error from the curvature in all three parameters, Student's t with the lesser of
+    participants - 1 and pairs - 1 degrees of freedom.
 
     Raises
     ------
@@ -101,9 +102,8 @@ def mixed_logit(choices: Choices, *, level: float = 0.95) -> LogOdds:
         return _minus_log_likelihood(y, both * sd, x[0], start)
 
     begin = np.array([np.log(y.mean() / (1 - y.mean())), 0.3, 0.3])
-    best = optimize.minimize(
-        loss, begin, method="Nelder-Mead", options={"xatol": 1e-5, "fatol": 1e-8, "maxiter": 2000}
-    ).x
+    options = {"xatol": 1e-4, "fatol": 1e-7, "maxiter": 1000}
+    best = optimize.minimize(loss, begin, method="Nelder-Mead", options=options).x
     best[1:] = np.abs(best[1:])
     keep = np.array([True, best[1] > 1e-3, best[2] > 1e-3])  # a variance at 0 has no curvature to speak of
     error = np.sqrt(np.linalg.inv(_curvature(loss, best)[np.ix_(keep, keep)])[0, 0])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +26,8 @@ THESIS_SPEED = {
     "m": "slow",
     "mummy": "slow",
 }
+#: which slow action is the fast one's counterpart
+THESIS_MATCHES = {"open_fast": "open_slow", "p": "m", "puppy": "mummy"}
 _CONDITIONS = ("participant", "action", "level", "audio", "speed")
 _TEXT = ("participant", "left", "right", "chosen", "kind", "action", "speed", "expected")
 
@@ -93,12 +95,14 @@ class Answers:
     source : where it comes from, in words
     sides_known : whether `left` and `right` say where the videos stood; False: nothing can be said about sides
     positions_known : whether `trial` says in which order the participant answered
+    matches : which slow action is the counterpart of a fast one, {fast: slow}; None if there are no such pairs
     """
 
     table: pd.DataFrame
     source: str = ""
     sides_known: bool = True
     positions_known: bool = True
+    matches: Mapping[str, str] | None = None
 
     def __len__(self) -> int:
         return len(self.table)
@@ -220,7 +224,7 @@ def thesis_answers() -> Answers:
     table["speed"] = table["action"].map(THESIS_SPEED)
     source = "M. I. Leach, Physically-based Animation of 'Sticky Lips', thesis, Sheffield 2020, appendix A"
     answers = answers_from(table, source=source, name="the thesis's answers")
-    return dataclasses.replace(answers, sides_known=False)
+    return dataclasses.replace(answers, sides_known=False, matches=THESIS_MATCHES)
 
 
 def load_answers(

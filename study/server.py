@@ -18,9 +18,7 @@ import math
 import mimetypes
 import re
 import secrets
-import sqlite3
 import sys
-import traceback
 from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
@@ -30,7 +28,19 @@ from study.design import Design, Trial, load_design
 from study.errors import InputError
 from study.markdown import to_html
 from study.settings import PAGES, Settings, load_page, load_settings
-from study.store import ACTIVE, DONE, MEASURES, REFUSED, REPLACED, FullError, Session, Store, TakenError, is_postgres
+from study.store import (
+    ACTIVE,
+    DONE,
+    MEASURES,
+    REFUSED,
+    REPLACED,
+    FaultError,
+    FullError,
+    Session,
+    Store,
+    TakenError,
+    is_postgres,
+)
 
 try:
     from starlette.applications import Starlette
@@ -136,7 +146,7 @@ def make_app(study: Study) -> Starlette:
             Route("/media/{name}", views.video),
             Route("/static/{name}", views.static),
         ],
-        exception_handlers={HTTPException: views.refuse, ClientDisconnect: views.gone, Exception: views.fail},
+        exception_handlers={HTTPException: views.refuse, ClientDisconnect: views.gone, FaultError: views.fail},
     )
     app.add_middleware(_Headers)
     return app
@@ -363,11 +373,8 @@ class _Views:
         return Response(status_code=400)
 
     async def fail(self, request: Request, error: Exception) -> Response:
-        """A fault of the server or the database: the operator sees which, the browser asks again."""
-        if isinstance(error, sqlite3.Error):
-            print(f"lipmetrics study: the database says: {error}", file=sys.stderr)
-        else:
-            traceback.print_exception(error)
+        """A fault of the database: the operator sees which, the browser asks again."""
+        print(f"lipmetrics study: the database says: {error}", file=sys.stderr)
         return Response("The study has a fault just now; please try again.", 503, media_type="text/plain")
 
     # -- parts ------------------------------------------------------------------------------------

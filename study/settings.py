@@ -30,6 +30,7 @@ TEXTS = {
     "watch": "Press Play to watch both videos.",
     "watching": "You can answer once both have played.",
     "choose": "Choose below the videos, or with the arrow keys.",
+    "choose_touch": "Choose below the videos.",
     "check_left": "This checks your attention: please choose LEFT this time.",
     "check_right": "This checks your attention: please choose RIGHT this time.",
     "lost": "No connection. Your answer is kept and sent again by itself ...",

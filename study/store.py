@@ -71,6 +71,10 @@ class Session:
     person: str | None = None
 
 
+class FaultError(Exception):
+    """The database did not do what it was asked; nothing has changed, and asking again is right."""
+
+
 class FullError(Exception):
     """Every place of the design is taken."""
 
@@ -273,8 +277,11 @@ class Store:
 
     @contextmanager
     def _transaction(self, reading: bool = False) -> Iterator[_Do]:
-        with self._lock, self._engine.transaction(reading) as do:
-            yield do
+        try:
+            with self._lock, self._engine.transaction(reading) as do:
+                yield do
+        except self._engine.faults as error:
+            raise FaultError(short(str(error))) from error
 
 
 def is_postgres(address: str | Path) -> bool:
@@ -299,6 +306,8 @@ class _Do:
 
 class _Sqlite:
     """Write-ahead log, synced at every commit: an answer survives a kill of the server, and a power cut."""
+
+    faults = sqlite3.Error
 
     def __init__(self, path: str):
         try:
@@ -337,7 +346,7 @@ class _Postgres:
                 "expected the package psycopg for a postgresql:// database, found none; "
                 "run: pip install 'psycopg[binary]'"
             ) from None
-        self._psycopg, self._address = psycopg, address
+        self._psycopg, self._address, self.faults = psycopg, address, psycopg.Error
         try:
             self._connection = psycopg.connect(address)
         except psycopg.Error as error:

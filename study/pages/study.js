@@ -106,6 +106,8 @@ function hint(text) {
   $("hint").classList.toggle("check", text === texts.check_left || text === texts.check_right);
 }
 
+const keys = () => !matchMedia("(pointer: coarse)").matches;
+
 function enable(on) {
   for (const id of ["left", "right", "tie"]) $(id).disabled = !on;
 }
@@ -352,7 +354,7 @@ function drift() {
 function open() {
   look.open = performance.now();
   enable(true);
-  hint(trial.instructed ? texts["check_" + trial.instructed] : texts.choose);
+  hint(trial.instructed ? texts["check_" + trial.instructed] : keys() ? texts.choose : texts.choose_touch);
 }
 
 // -- the answer -----------------------------------------------------------------------------------------------------
