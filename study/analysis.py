@@ -75,7 +75,7 @@ class Analysis:
             "source": self.answers.source,
             "answers_n": len(self.answers),
             "participants_n": len(self.answers.participants),
-            "levels": self.answers.levels,
+            "levels": list(self.answers.levels),
         }
         for field in dataclasses.fields(self):
             if field.name != "answers":

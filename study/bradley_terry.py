@@ -60,7 +60,7 @@ def strengths(answers: Answers, *, level: float = 0.95, seed: int = 0) -> Streng
     InputError : fewer than two levels, no answers, or levels that were never compared, not even through others
     """
     answers = answers.tests
-    levels = answers.levels
+    levels = answers.levels_shown
     wins, ties = _counts(answers, levels)
     total_wins, total_ties = wins.sum(0), ties.sum(0)
     _check_connected(total_wins + total_ties, levels)

@@ -27,7 +27,7 @@ class ClusteredShare:
     n, participants_n : answers and participants
     p_sign_flip : exact two-sided p of `sign_flip_p`
     p_t, low, high : two-sided p and interval of Student's t with the cluster-robust standard error, participants - 1
-        degrees of freedom; NaN with one participant
+        degrees of freedom; NaN with one participant, or if all have the same share
     boot_low, boot_high : interval of the bootstrap over participants (`expanded_percentiles`)
     level : of the intervals
     """
@@ -57,9 +57,11 @@ def clustered_share(choices: Choices, *, level: float = 0.95, seed: int = 0) -> 
     n, persons_n = count.sum(), len(count)
     share = total.sum() / n
     low = high = p_t = np.nan
-    if persons_n > 1:
-        error = np.sqrt(persons_n / (persons_n - 1) * ((total - share * count) ** 2).sum()) / n
+    squares = ((total - share * count) ** 2).sum()
+    if persons_n > 1 and squares > 1e-12:
+        error = np.sqrt(persons_n / (persons_n - 1) * squares) / n
         low, high, p_t = t_interval(share, error, persons_n - 1, level, null=0.5)
+        low, high = max(0.0, float(low)), min(1.0, float(high))
     boot = bootstrap_weights(persons_n, seed)
     shares = (boot @ total) / (boot @ count)
     boot_low, boot_high = expanded_percentiles(shares, persons_n, level)
@@ -69,8 +71,8 @@ def clustered_share(choices: Choices, *, level: float = 0.95, seed: int = 0) -> 
         persons_n,
         sign_flip_p(total - count / 2),
         float(p_t),
-        max(0.0, float(low)) if persons_n > 1 else np.nan,
-        min(1.0, float(high)) if persons_n > 1 else np.nan,
+        low,
+        high,
         float(boot_low),
         float(boot_high),
         level,

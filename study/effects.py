@@ -230,7 +230,7 @@ def _matched(choices: Choices, late: np.ndarray, home: pd.Series, level, draws, 
 
 def _by_level(part: Answers, second_rows: pd.Series, level: float) -> tuple[pd.DataFrame, float]:
     """Each level's share of its trials by value of the factor, and Hotelling's T^2 of the differences."""
-    table, levels, people = part.table, part.levels, part.participants
+    table, levels, people = part.table, part.levels_shown, part.participants
     differences, rows = [], []
     for one in levels:
         mine = table[(table["level_left"] == one) ^ (table["level_right"] == one)]

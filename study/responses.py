@@ -92,6 +92,7 @@ class Answers:
     table : one row per answer: participant, left, right, chosen ('' for a tie), pair (name of the pair of videos, the
         same whichever stands left), action, level_left, level_right, audio (0 or 1), speed, kind (test, practice or
         catch), trial (position in the session, from 1), and further columns as they came
+    levels : of the whole study, least first; numbers if all are
     source : where it comes from, in words
     sides_known : whether `left` and `right` say where the videos stood; False: nothing can be said about sides
     positions_known : whether `trial` says in which order the participant answered
@@ -99,6 +100,7 @@ class Answers:
     """
 
     table: pd.DataFrame
+    levels: tuple = ()
     source: str = ""
     sides_known: bool = True
     positions_known: bool = True
@@ -112,9 +114,9 @@ class Answers:
         return _in_order(self.table["participant"].unique())
 
     @property
-    def levels(self) -> list:
-        """Levels, least first; numbers if all are."""
-        return _in_order(pd.unique(self.table[["level_left", "level_right"]].to_numpy().ravel()))
+    def levels_shown(self) -> list:
+        """Levels that come in these answers, least first."""
+        return _levels_of(self.table)
 
     @property
     def actions(self) -> list[str]:
@@ -179,10 +181,9 @@ class Answers:
 
     def sticky(self) -> tuple[list, list]:
         """The levels above the least, and the least: the question "with the effect or without?"."""
-        levels = self.levels
-        if len(levels) < 2:
-            raise InputError(f"expected at least two levels, got {', '.join(map(str, levels)) or 'none'}")
-        return levels[1:], levels[:1]
+        if len(self.levels) < 2:
+            raise InputError(f"expected at least two levels, got {', '.join(map(str, self.levels)) or 'none'}")
+        return list(self.levels[1:]), list(self.levels[:1])
 
     def _levels(self, wanted) -> list:
         by_text = {_plain(level): level for level in self.levels}
@@ -279,7 +280,7 @@ def answers_from(table: pd.DataFrame, stimuli=None, *, source: str = "", name: s
     else:
         table["trial"] = table.groupby("participant").cumcount() + 1
     table["_order"] = _pair_order(table)
-    return Answers(table, source, True, positions_known)
+    return Answers(table, tuple(_levels_of(table)), source, True, positions_known)
 
 
 def _check(table: pd.DataFrame, name: str) -> None:
@@ -367,6 +368,10 @@ def _numbers(column: pd.Series, what: str, name: str) -> pd.Series:
     if wrong.any():
         raise InputError(f"{name}: expected numbers under {what}, got '{short(str(column[wrong].iloc[0]))}'")
     return numbers.astype(int)
+
+
+def _levels_of(table: pd.DataFrame) -> list:
+    return _in_order(pd.unique(table[["level_left", "level_right"]].to_numpy().ravel()))
 
 
 def _several(wanted) -> list:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
@@ -82,9 +82,8 @@ def grouped(
     keys = answers.table[by].drop_duplicates().itertuples(index=False) if by else [()]
     for values in sorted(keys, key=lambda one: [_place(answers, c, v) for c, v in zip(by, one, strict=True)]):
         part = answers.where(**dict(zip(by, values, strict=True)))
-        if len(part.choices(_known(part, a), _known(part, b)).y) == 0:
-            continue
-        rows.append(dict(zip(by, values, strict=True)) | count_row(part, _known(part, a), _known(part, b), level=level))
+        if len(part.choices(a, b).y):
+            rows.append(dict(zip(by, values, strict=True)) | count_row(part, a, b, level=level, seed=seed))
     table = pd.DataFrame(rows, columns=[*by, *COUNTS])
     table["p_holm"] = holm(table["p"])
     return table
@@ -113,7 +112,10 @@ def level_pairs(
             if draws and not by:
                 one = one.assign(**_headline(answers, high, low, level, draws, seed))
             frames.append(one)
-    table = pd.concat([one for one in frames if len(one)], ignore_index=True)
+    frames = [one for one in frames if len(one)]
+    if not frames:
+        raise InputError("expected answers that put two levels against one another, got none")
+    table = pd.concat(frames, ignore_index=True)
     by = [by] if isinstance(by, str) else list(by)
     for column in ("p", "p_headline") if draws and not by else ("p",):
         groups = table.groupby(by)[column] if by else None
@@ -127,12 +129,6 @@ def _headline(answers: Answers, a, b, level: float, draws: int, seed: int) -> di
     except InputError:  # too few
         return dict.fromkeys(("p_headline", "headline_low", "headline_high"), np.nan)
     return {"p_headline": found.p, "headline_low": found.low, "headline_high": found.high}
-
-
-def _known(answers: Answers, levels) -> list:
-    """Those of the levels that a part of the answers has."""
-    several = levels if isinstance(levels, Iterable) and not isinstance(levels, str) else [levels]
-    return [one for one in several if str(one) in {str(level) for level in answers.levels}]
 
 
 def _place(answers: Answers, column: str, value):

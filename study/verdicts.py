@@ -31,7 +31,7 @@ def verdicts(
 
     Parameters
     ----------
-    overall, by_video_set : headline test of sticky against none, with pairs of videos and with action and audio as items
+    overall, by_video_set : headline test of sticky against none; in the second, action and audio are the items
     pairs : `study.tables.level_pairs` with the headline columns
     people, heterogeneity_p, consistency : of `study.consistency`
     audio, speed : of `study.effects.interaction`
@@ -134,7 +134,7 @@ def _audio(audio: Interaction) -> tuple:
         "Hotelling's T^2 over participants, shares of the levels",
         f"sticky against none {_points(audio.sticky)} with audio (p {audio.sticky.p:.2f})",
         audio.p_levels,
-        "not shown, nor shown to be absent: clear without audio and unclear with it is no difference between the two",
+        "not shown, nor shown to be absent: clear without audio and unclear with it is not a difference",
     )
 
 
