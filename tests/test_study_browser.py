@@ -69,11 +69,17 @@ def at(clips, tmp_path):
         stop()
 
 
-def to_the_trials(browser, server):
+def to_the_start(browser, server):
     browser.go(server.address)
+    browser.wait("document.readyState == 'complete' && document.querySelector('button.main')")
     browser.click("button.main")
-    browser.wait("location.pathname == '/instructions'")
+    browser.wait("document.readyState == 'complete' && location.pathname == '/instructions'")
     browser.click("a.button")
+    browser.wait("location.pathname == '/trials' && document.getElementById('trouble')")
+
+
+def to_the_trials(browser, server):
+    to_the_start(browser, server)
     browser.wait("document.getElementById('play') && !document.getElementById('play').disabled")
 
 
@@ -104,7 +110,7 @@ def test_a_session_of_60_trials(at):
             browser.wait(f"document.getElementById('progress').textContent.includes('{number} of 60')")
         if number == 30:  # there is no way back to an earlier pair
             browser.see("history.back()")
-            browser.wait("location.pathname == '/instructions'")
+            browser.wait("document.readyState == 'complete' && location.pathname == '/instructions'")
             browser.click("a.button")
             browser.wait("location.pathname == '/trials' && document.getElementById('progress').textContent")
             assert trial_shown(browser) == number
@@ -182,9 +188,7 @@ def test_answers_only_after_both_have_played_and_single_replays(at):
 
 def test_autoplay(at):
     browser, server, _ = at("autoplay = true\n")
-    browser.go(server.address)
-    browser.click("button.main")
-    browser.click("a.button")
+    to_the_start(browser, server)
     browser.wait(ANSWERABLE)
     browser.press("ArrowLeft")
     browser.wait("document.getElementById('progress').textContent.startsWith('2 of')")
@@ -197,9 +201,7 @@ def test_a_video_that_cannot_be_loaded(at):
     path = folder / design.stimulus(design.sessions[0][0].left).file
     content = path.read_bytes()
     path.write_bytes(b"no video")
-    browser.go(server.address)
-    browser.click("button.main")
-    browser.click("a.button")
+    to_the_start(browser, server)
     browser.wait("!document.getElementById('trouble').hidden && !document.getElementById('again').hidden")
     assert browser.see("document.getElementById('play').disabled")
     path.write_bytes(content)
