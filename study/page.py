@@ -18,11 +18,12 @@ from study.summary import Table
 METHODS = (
     (
         "headline test",
-        "Answers are crossed: a participant who likes one kind of video, and a pair in which one video simply looks better, "
-        "move many answers together. The test estimates how much participants differ, how much pairs differ and how much is "
-        "left, and asks how far the share would move with other participants and other pairs. Its distribution is drawn by "
-        "simulating studies of the same layout without a preference. In simulations with such effects it errs in about 5 % of "
-        "studies at a nominal 5 %; the binomial test errs several times as often.",
+        "Answers are crossed: a participant who likes one kind of video, and a pair in which one video simply looks "
+        "better, move many answers together. The test estimates how much participants differ, how much pairs differ "
+        "and how much is left, and asks how far the share would move with other participants and other pairs. Its "
+        "distribution is drawn by simulating studies of the same layout without a preference. In simulations with "
+        "such effects it errs in about 5 % of studies at a nominal 5 %; the binomial test errs several times as "
+        "often.",
     ),
     (
         "Student's t over participants",
@@ -31,39 +32,40 @@ METHODS = (
     ),
     (
         "sign flips, bootstrap",
-        "The same question without a normal distribution: could each participant's surplus as well have had the other sign "
-        "(all patterns counted), and how the share moves when participants are drawn anew with replacement (percentiles "
-        "widened for few participants, Hesterberg 2015).",
+        "The same question without a normal distribution: could each participant's surplus as well have had the "
+        "other sign (all patterns counted), and how the share moves when participants are drawn anew with "
+        "replacement (percentiles widened for few participants, Hesterberg 2015).",
     ),
     (
         "GEE, mixed logit",
-        "Two models that many reviewers ask for: the mean over people with answers of one participant correlated (bias-reduced "
-        "covariance, Mancl and DeRouen 2001), and log odds with normal effects of participants and pairs (Laplace).",
+        "Two models that many reviewers ask for: the mean over people with answers of one participant correlated "
+        "(bias-reduced covariance, Mancl and DeRouen 2001), and log odds with normal effects of participants and "
+        "pairs (Laplace).",
     ),
     (
         "exact",
-        "Binomial counts as if every answer were an independent coin: Clopper and Pearson's interval, p-values summed from the "
-        "binomial distribution. Right within one participant; too narrow for answers of several.",
+        "Binomial counts as if every answer were an independent coin: Clopper and Pearson's interval, p-values "
+        "summed from the binomial distribution. Right within one participant; too narrow for answers of several.",
     ),
     (
         "Holm",
-        "Several tests at once find something by chance more often than one; Holm's p-values keep the chance of any false "
-        "finding among them at the nominal level.",
+        "Several tests at once find something by chance more often than one; Holm's p-values keep the chance of any "
+        "false finding among them at the nominal level.",
     ),
     (
         "Bradley-Terry strength",
-        "One number per level such that the odds of i over j are exp(strength i - strength j); ties by Davidson's extension; "
-        "intervals from a bootstrap over participants.",
+        "One number per level such that the odds of i over j are exp(strength i - strength j); ties by Davidson's "
+        "extension; intervals from a bootstrap over participants.",
     ),
     (
         "preference ratio",
-        "Answers for the one over answers for the other: 1 is no preference, 1.5 is 60 %. Ties are left out of ratios and of "
-        "exact tests and count half elsewhere.",
+        "Answers for the one over answers for the other: 1 is no preference, 1.5 is 60 %. Ties are left out of "
+        "ratios and of exact tests and count half elsewhere.",
     ),
 )
 CHART_WORDS = (
-    "Whiskers are exact intervals that take answers for independent; they are too short where a participant's answers hang "
-    "together, but they do not mislead about the counts."
+    "Whiskers are exact intervals that take answers for independent; they are too short where a participant's "
+    "answers hang together, but they do not mislead about the counts."
 )
 
 
@@ -177,7 +179,8 @@ def _thesis(found: Analysis, rest: dict[str, bytes]) -> list[tuple[str, str]]:
 def _limits(found: Analysis) -> list[str]:
     return [
         *(note for note in found.notes if not note.startswith(("The side", "The order"))),
-        "A p-value above 0.05 does not show that there is no difference; look at the interval for how large one may be.",
+        "A p-value above 0.05 does not show that there is no difference; look at the interval for how large one may "
+        "be.",
         "Other participants means others like these; other pairs means others like those that were shown.",
     ]
 
@@ -185,8 +188,8 @@ def _limits(found: Analysis) -> list[str]:
 def _methods(found: Analysis) -> str:
     items = "\n".join(f"<dt>{escape(name)}</dt><dd>{escape(words)}</dd>" for name, words in METHODS)
     settings = (
-        f"Intervals of {percent(found.level)}; random numbers from seed {found.seed}, {found.draws} draws in the headline test: the "
-        "same answers and settings give the same page."
+        f"Intervals of {percent(found.level)}; random numbers from seed {found.seed}, {found.draws} draws in the "
+        "headline test: the same answers and settings give the same page."
     )
     return f"<dl>\n{items}\n</dl>\n{_note(settings)}"
 

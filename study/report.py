@@ -172,7 +172,7 @@ def in_text(found: Analysis) -> str:
         equal = int(found.replication["agrees"].sum())
         parts += [
             "",
-            f"The thesis's printed numbers: {equal} of {len(found.replication)} equal those of its answers, the others are explained",
+            f"The thesis's printed numbers: {equal} of {len(found.replication)} equal those of its answers",
             summary.replication(found.replication).text(),
             "",
             "The thesis's conclusions",
@@ -214,15 +214,15 @@ class _Parser(argparse.ArgumentParser):
 def _parser(prog: str) -> argparse.ArgumentParser:
     parser = _Parser(
         prog=prog,
-        description="Answers of a study to tables, figures and a report. Without a file: the answers of the thesis's study, with "
-        "its printed numbers replicated.",
+        description="Answers of a study to tables, figures and a report. "
+        "Without a file: the answers of the thesis's study, with its printed numbers replicated.",
         epilog=f"example: {prog} answers.csv -o results",
     )
     parser.add_argument(
         "answers",
         nargs="?",
         metavar="ANSWERS.csv",
-        help="table with a row per answer: participant, left, right, chosen (empty for a tie); further columns are kept",
+        help="a row per answer: participant, left, right, chosen (empty for a tie); further columns are kept",
     )
     parser.add_argument("-o", "--out", metavar="DIR", help="folder for report.html, analysis.json, tables/, figures/")
     parser.add_argument("--stimuli", metavar="CSV", help="what the videos show: stimulus, action, level, audio, speed")

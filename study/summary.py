@@ -98,7 +98,7 @@ def what_was_asked(found: Analysis) -> list[str]:
     ]
     actions = [action for action in found.answers.actions if action]
     if len(actions) > 1:
-        audio = table["audio"].nunique() > 1
+        audio = len(set(table["audio"])) > 1
         said.append(
             f"{len(actions)} actions: {', '.join(action.replace('_', ' ') for action in actions)}"
             + (", some of them with and without audio." if audio else ".")
@@ -125,8 +125,8 @@ def in_short(found: Analysis) -> list[str]:
             f"{between(one.low, one.high)}."
         )
         said.append(
-            "This p and interval are those of the headline test: they allow for other participants and for other pairs of "
-            "videos than these."
+            "This p and interval are those of the headline test: they allow for other participants and for other "
+            "pairs of videos than these."
         )
         if one.caution:
             said.append(f"Caution: {one.caution}.")
@@ -138,15 +138,15 @@ def in_short(found: Analysis) -> list[str]:
         )
     coin = _test(found, "binomial, two-sided")
     said.append(
-        f"The binomial test would say p = {p_text(coin['p'])}. It takes every answer for an independent coin; answers of one "
-        "participant, and answers about one pair, hang together, so this p is too small."
+        f"The binomial test would say p = {p_text(coin['p'])}. It takes every answer for an independent coin; "
+        "answers of one participant, and answers about one pair, hang together, so this p is too small."
     )
     if found.strengths is not None and len(found.answers.levels) > 2:
         table = found.strengths.table
         best = table.loc[table["rank"].idxmin()]
         said.append(
-            f"The strongest level is {_plain(best['level'])}, also in {percent(best['first'])} of bootstrap samples of the "
-            "participants (Bradley-Terry)."
+            f"The strongest level is {_plain(best['level'])}, also in {percent(best['first'])} of bootstrap samples "
+            "of the participants (Bradley-Terry)."
         )
     said += [_interaction_sentence(one, a) for one in found.interactions.values()]
     if np.isfinite(found.heterogeneity_p):
@@ -162,9 +162,9 @@ def in_short(found: Analysis) -> list[str]:
 def _interaction_sentence(one: Interaction, a: str) -> str:
     does = "changes" if one.p_levels <= 0.05 else "is not shown to change"
     return (
-        f"Which levels are chosen {does} with {one.factor}: p = {p_text(one.p_levels)} over participants (Hotelling's T²); "
-        f"the share for {a} changes by {_effect(one.sticky)} percentage points from {_value(one, one.first)} to "
-        f"{_value(one, one.second)} (p = {p_text(one.sticky.p)}, Student's t)."
+        f"Which levels are chosen {does} with {one.factor}: p = {p_text(one.p_levels)} over participants "
+        f"(Hotelling's T²); the share for {a} changes by {_effect(one.sticky)} percentage points from "
+        f"{_value(one, one.first)} to {_value(one, one.second)} (p = {p_text(one.sticky.p)}, Student's t)."
     )
 
 
@@ -180,8 +180,8 @@ def side_and_position(found: Analysis) -> list[str]:
     if found.position is not None and found.position.participants_n:
         said.append(
             f"From the first to the last trial of a session the share for {sides(found)[0]} changes by "
-            f"{_effect(found.position)} percentage points (p = {p_text(found.position.p)}; mean of the participants' straight "
-            "lines, Student's t)."
+            f"{_effect(found.position)} percentage points (p = {p_text(found.position.p)}; mean of the participants' "
+            "straight lines, Student's t)."
         )
     return said + [note for note in found.notes if note.startswith(("The side", "The order"))]
 
@@ -203,9 +203,9 @@ def tests(found: Analysis) -> Table:
         for row in found.tests.itertuples()
     ]
     method = (
-        f"Share and ratio for {sides(found)[0]}. Intervals are {percent(found.level)}; p is two-sided but for the first row. "
-        "GEE and the mixed logit are turned from log odds to shares; the mixed logit is about the middle participant and pair, "
-        "not the mean."
+        f"Share and ratio for {sides(found)[0]}. Intervals are {percent(found.level)}; p is two-sided but for the "
+        "first row. GEE and the mixed logit are turned from log odds to shares; the mixed logit is about the middle "
+        "participant and pair, not the mean."
     )
     return Table(("test", "share", "ratio", "interval", "p", "what could have been otherwise"), tuple(rows), method)
 
@@ -224,8 +224,9 @@ def pairs(found: Analysis) -> Table:
     if has_headline:
         head += ["headline", "p", "p, Holm"]
     method = (
-        "Share of the first level. exact: Clopper-Pearson, answers as independent coins; participants: Student's t over "
-        "participants with its p; headline: participants and pairs of videos. Holm: corrected for the number of rows."
+        "Share of the first level. exact: Clopper-Pearson, answers as independent coins; participants: Student's t "
+        "over participants with its p; headline: participants and pairs of videos. Holm: corrected for the number "
+        "of rows."
     )
     return Table(tuple(head), tuple(rows), method)
 
@@ -280,8 +281,8 @@ def strengths(found: Analysis) -> Table:
     method = (
         "Strength: log odds against the least level, one number per level for all pairs (Bradley and Terry"
         + (", ties after Davidson" if fit.tie else "")
-        + f"). Intervals: {percent(found.level)}, bootstrap over participants. chosen: probability to be chosen over the least "
-        "level. first: in how many bootstrap samples the level is the strongest. "
+        + f"). Intervals: {percent(found.level)}, bootstrap over participants. chosen: how likely over the "
+        "least level. first: in how many bootstrap samples the level is the strongest. "
         + (
             f"Whether one strength per level is enough: deviance {fit.misfit:.1f} on {fit.freedom} degrees of freedom, "
             f"p = {p_text(fit.p_misfit)}"
@@ -313,9 +314,9 @@ def participants(found: Analysis) -> Table:
     if "all" in order.index:
         rows.append(("all", "", "", "", "", "", *_triads(order.loc["all"])))
     method = (
-        f"Share for {sides(found)[0]}; interval and p are exact binomial within the participant. circular: how often a was chosen "
-        "over b, b over c and c over a, of the triads that could be, and how many a coin would give (a quarter); p: that a coin "
-        "gives as few (Kendall and Babington Smith)."
+        f"Share for {sides(found)[0]}; interval and p are exact binomial within the participant. circular: how often "
+        "a was chosen over b, b over c and c over a, of the triads that could be, and how many a coin would give (a "
+        "quarter); p: that a coin gives as few (Kendall and Babington Smith)."
     )
     return Table(("participant", "chosen", "share", "exact", "p", "p, Holm", "circular", "p"), tuple(rows), method)
 
@@ -341,8 +342,9 @@ def interaction_levels(one: Interaction) -> Table:
     ]
     left_out = f" Left out, without answers to all of these actions: {', '.join(one.left_out)}." if one.left_out else ""
     method = (
-        "Share of its trials in which the level was chosen; difference in percentage points, mean over participants, Student's "
-        f"t; Holm over the levels. All levels at once: p = {p_text(one.p_levels)} (Hotelling's T²).{left_out}"
+        "Share of its trials in which the level was chosen; difference in percentage points, mean over "
+        f"participants, Student's t; Holm over the levels. All levels at once: p = {p_text(one.p_levels)} "
+        f"(Hotelling's T²).{left_out}"
     )
     head = ("level", _value(one, one.first), _value(one, one.second), "difference", "p", "p, Holm")
     return Table(head, tuple(rows), method)
@@ -370,8 +372,8 @@ def interaction_effects(one: Interaction) -> Table:
             )
         )
     method = (
-        f"Percentage points, {_value(one, one.second)} minus {_value(one, one.first)}, with intervals. participants: Student's t; "
-        "participants and pairs: headline test on the pairs that were shown under both."
+        f"Percentage points, {_value(one, one.second)} minus {_value(one, one.first)}, with intervals. participants: "
+        "Student's t; participants and pairs: headline test on the pairs that were shown under both."
     )
     return Table(("change", "participants", "p", "participants and pairs", "p"), tuple(rows), method)
 
@@ -409,9 +411,9 @@ def replication(found: pd.DataFrame) -> Table:
         )
     head = ("where", "what", "printed", "from the answers", "counts", "equal", "by that reason", "why it differs")
     method = (
-        "from the answers: all answers, p one-sided P(>= r) as eq. 5.2 defines it, to the digits that the thesis prints. "
-        "by that reason: the number with the error that the last column names made on purpose; it comes out as printed. "
-        "counts: for the first against the second."
+        "from the answers: all answers, p one-sided P(>= r) as eq. 5.2 defines it, to the digits that the thesis "
+        "prints. by that reason: the number with the error that the last column names made on purpose; it comes out "
+        "as printed. counts: for the first against the second."
     )
     return Table(head, tuple(rows), method)
 
