@@ -201,21 +201,22 @@ class _Layout:
     def null_t2(self, parts: np.ndarray, draws: int, rng: np.random.Generator) -> np.ndarray:
         """(draws,) T^2 of normal answers with the variances `parts` (3,) and without a preference.
 
-        Only the part of y in the space of the sums over participants and pairs is drawn; of the rest, (N - R)
-        dimensions, only the sum of squares is needed.
+        Only the sums over participants and pairs are drawn. They fix the part of y in their own space of R dimensions;
+        of the rest, N - R dimensions, only the sum of squares is needed. (Symmetric roots, so that neither the order of
+        the answers nor the eigenvectors that a library picks change the draws.)
         """
         n, persons_n, items_n = self.shape
         both = np.hstack([self.by_person, self.by_item])
-        u, size, _ = np.linalg.svd(both, full_matrices=False)
-        basis = u[:, size > 1e-9 * size[0]]
-        rank = basis.shape[1]
+        squares, vectors = np.linalg.eigh(both.T @ both)
+        kept = squares > 1e-9 * squares[-1]
+        squares, vectors = squares[kept], vectors[:, kept]
+        root, inverse = (vectors * np.sqrt(squares)) @ vectors.T, (vectors / squares) @ vectors.T
         sd = np.repeat(np.sqrt(parts[:2]), [persons_n, items_n])
-        y = rng.normal(0, 1, (draws, rank)) * np.sqrt(parts[2])
-        y += (rng.normal(0, 1, (draws, persons_n + items_n)) * sd) @ (both.T @ basis)
-        square = (y**2).sum(1)
-        if n > rank:
-            square += parts[2] * rng.chisquare(n - rank, draws)
-        sums = y @ (basis.T @ both)
+        sums = (rng.normal(0, 1, (draws, persons_n + items_n)) @ root) * np.sqrt(parts[2])
+        sums += (rng.normal(0, 1, (draws, persons_n + items_n)) * sd) @ (both.T @ both)
+        square = ((sums @ inverse) * sums).sum(1)
+        if n > len(squares):
+            square += parts[2] * rng.chisquare(n - len(squares), draws)
         by_person, by_item = sums[:, :persons_n], sums[:, persons_n:]
         return _ratio((by_person.sum(1) / n) ** 2, self.weights @ self._from_sums(by_person, by_item, square))
 

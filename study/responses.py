@@ -197,7 +197,7 @@ class Answers:
 
 def choices_from(table: pd.DataFrame, y: np.ndarray) -> Choices:
     """Arrays of some rows of `Answers.table` and what was answered in them (N,)."""
-    persons, items = _in_order(table["participant"].unique()), list(dict.fromkeys(table["pair"]))
+    persons, items = _in_order(table["participant"].unique()), _in_order(table["pair"].unique())
     number = {name: i for i, name in enumerate(persons)}
     place = {name: i for i, name in enumerate(items)}
     person = table["participant"].map(number).to_numpy(dtype=np.int64)
