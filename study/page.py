@@ -131,7 +131,7 @@ def _opening(found: Analysis) -> tuple[str, str]:
 
 
 def _levels(found: Analysis, figure) -> str:
-    text = figure("all_pairs", "Every pair of levels") + figure("figure_5_03", "Every pair of levels")
+    text = "".join(figure(name, "Every pair of levels") for name in ("all_pairs", "pairs", "figure_5_03"))
     text += _table(summary.pairs(found))
     if found.strengths is not None:
         text += "<h3>Strength of each level</h3>" + figure("strengths", "Strengths with their intervals")
@@ -161,7 +161,7 @@ def _exclusions(found: Analysis) -> str:
     wrong = int(found.exclusions["wrong_n"].sum())
     said = (
         f"<p>{wrong} of {int(found.exclusions['catch_n'].sum())} catch trials were answered otherwise than expected; "
-        f"{out or 'no'} participant{'' if out == 1 else 's'} left out.</p>"
+        f"left out: {summary.counted(out, 'participant')}.</p>"
     )
     return said + _table(summary.exclusions(found))
 

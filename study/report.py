@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import json
 import os
 import sys
@@ -19,13 +20,15 @@ from study.errors import InputError
 from study.figures import THESIS_CHARTS, Estimate, charts_of, draw_chart, draw_estimates, write_figure
 from study.page import write_page
 from study.printed import between, number, percent
-from study.responses import load_answers
+from study.responses import Answers, load_answers
+from study.wording import nearest
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 DONE, BAD_INPUT = 0, 2
-MOST_PARTICIPANTS_N = 60  # shown one by one in a figure
+_INTERVALS = "intervals over participants, exact ones where nobody answered twice"
+MOST_ROWS_N = 60  # of a figure with one row for each participant, or pair of levels
 
 
 def main(words: list[str], prog: str = "lipmetrics study analyse") -> int:
@@ -50,10 +53,25 @@ def main(words: list[str], prog: str = "lipmetrics study analyse") -> int:
 
 def _answers(arguments: argparse.Namespace):
     if arguments.answers is not None:
-        return load_answers(arguments.answers, design=arguments.design, stimuli=arguments.stimuli)
-    if arguments.design or arguments.stimuli:
-        raise InputError("expected answers to go with --design or --stimuli, got none; name the CSV file")
+        answers = load_answers(arguments.answers, design=arguments.design, stimuli=arguments.stimuli)
+        return answers if arguments.least is None else with_least(answers, arguments.least)
+    if arguments.design or arguments.stimuli or arguments.least is not None:
+        raise InputError("expected answers to go with --design, --stimuli or --least, got none; name the CSV file")
     return None
+
+
+def with_least(answers: Answers, level: str) -> Answers:
+    """The same answers with another level as the one that all others are compared with.
+
+    Raises
+    ------
+    InputError : no such level
+    """
+    by_text = {summary.level_name(one).removeprefix("level "): one for one in answers.levels}
+    if level not in by_text:
+        raise InputError(f"expected a level of the answers, got {nearest(level, by_text)}")
+    others = (one for one in answers.levels if one != by_text[level])
+    return dataclasses.replace(answers, levels=(by_text[level], *others))
 
 
 def save(found: Analysis, folder: str | Path) -> list[Path]:
@@ -106,7 +124,7 @@ def draw_figures(found: Analysis) -> dict[str, Figure]:
     axis = f"share of answers for {a} (%)"
     if len(found.groups) > 1:
         figures["groups"] = draw_estimates(
-            _group_rows(found), f"{a} against {b}", axis, note="intervals over participants; the first over pairs too"
+            _group_rows(found), f"{a} against {b}", axis, note=f"{_INTERVALS}; the first over pairs too"
         )
     if found.strengths is not None:
         rows = [
@@ -123,7 +141,11 @@ def draw_figures(found: Analysis) -> dict[str, Figure]:
         figures["strengths"] = draw_estimates(
             rows, "Strength of each level (Bradley-Terry)", "strength", null=0, note=note, percent=False
         )
-    if len(found.participants) <= MOST_PARTICIPANTS_N:
+    if "all_pairs" not in figures and found.replication is None and 1 < len(found.pairs) <= MOST_ROWS_N:
+        figures["pairs"] = draw_estimates(
+            _pair_rows(found), "Every pair of levels", "share of answers for the first (%)", note=_INTERVALS
+        )
+    if len(found.participants) <= MOST_ROWS_N:
         people = found.participants.sort_values("share", kind="stable", ascending=False)
         rows = [
             Estimate(str(row.participant), row.share, row.low, row.high, f"{row.for_a} of {row.for_a + row.for_b}")
@@ -133,6 +155,19 @@ def draw_figures(found: Analysis) -> dict[str, Figure]:
         note = "exact intervals within each participant; dotted: no preference"
         figures["participants"] = draw_estimates(rows, f"Every participant: {a} against {b}", axis, note=note)
     return figures
+
+
+def _pair_rows(found: Analysis) -> list[Estimate]:
+    names = [
+        f"{summary.level_name(a)} over {summary.level_name(b).removeprefix('level ')}"
+        for a, b in zip(found.pairs["level_a"], found.pairs["level_b"], strict=True)
+    ]
+    rows = zip(names, found.pairs.itertuples(), strict=True)
+    return [
+        Estimate(name, row.share, row.low, row.high, f"{row.for_a} of {row.for_a + row.for_b}")
+        for name, row in rows
+        if np.isfinite(row.share)
+    ]
 
 
 def _group_rows(found: Analysis) -> list[Estimate]:
@@ -227,6 +262,11 @@ def _parser(prog: str) -> argparse.ArgumentParser:
     parser.add_argument("-o", "--out", metavar="DIR", help="folder for report.html, analysis.json, tables/, figures/")
     parser.add_argument("--stimuli", metavar="CSV", help="what the videos show: stimulus, action, level, audio, speed")
     parser.add_argument("--design", metavar="FILE", help="design.json of the study, for the same")
+    parser.add_argument(
+        "--least",
+        metavar="LEVEL",
+        help="level that all others are compared with; default the lowest, or the first in the alphabet",
+    )
     parser.add_argument(
         "--max-wrong", type=_number_of, metavar="N", help="leave out who answered more than N catch trials wrong"
     )

@@ -116,7 +116,8 @@ class Answers:
     @property
     def levels_shown(self) -> list:
         """Levels that come in these answers, least first."""
-        return _levels_of(self.table)
+        shown = set(_levels_of(self.table))
+        return [one for one in self.levels if one in shown]
 
     @property
     def actions(self) -> list[str]:

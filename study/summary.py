@@ -74,6 +74,11 @@ class Table:
         return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines) + "\n"
 
 
+def counted(n: int, what: str) -> str:
+    """`1 pair`, `2 pairs`."""
+    return f"{n} {what}{'' if n == 1 else 's'}"
+
+
 def sides(found: Analysis) -> tuple[str, str]:
     """Names of a and b: `levels 4, 7, 10` and `level 0`."""
     a, b = found.answers.sticky()
@@ -91,8 +96,9 @@ def what_was_asked(found: Analysis) -> list[str]:
     each = f"{least} each" if least == most else f"{least} to {most} each"
     ties = int((table["chosen"] == "").sum())
     said = [
-        f"{len(table)} answers of {len(per_person)} participants ({each}) to {table['pair'].nunique()} pairs of videos"
-        + (f", {ties} of them ties" if ties else "")
+        f"{counted(len(table), 'answer')} of {counted(len(per_person), 'participant')} ({each}) to "
+        f"{counted(table['pair'].nunique(), 'pair')} of videos"
+        + (f", {counted(ties, 'tie')} among them" if ties else "")
         + "; practice and catch trials are not counted.",
         f"{len(found.answers.levels)} levels: {', '.join(_plain(level) for level in found.answers.levels)}.",
     ]
@@ -105,7 +111,7 @@ def what_was_asked(found: Analysis) -> list[str]:
         )
     out = int(found.exclusions["excluded"].sum()) if len(found.exclusions) else 0
     if out:
-        said.append(f"{out} participants were left out because of wrong catch trials.")
+        said.append(f"Left out because of wrong catch trials: {counted(out, 'participant')}.")
     return said
 
 
@@ -114,7 +120,9 @@ def in_short(found: Analysis) -> list[str]:
     a, b = sides(found)
     overall = found.groups.iloc[0]
     total = int(overall["for_a"] + overall["for_b"])
-    chosen = f"{a[0].upper() + a[1:]} {'were' if ',' in a or a.endswith('others') else 'was'} chosen over {b}"
+    several = len(found.answers.sticky()[0]) > 1
+    name = a[0].upper() + a[1:] if a.startswith("level") else a
+    chosen = f"{name} {'were' if several else 'was'} chosen over {b}"
     counts = f"{int(overall['for_a'])} of {total} answers, {percent(overall['share'])}, a preference ratio of "
     said = [f"{chosen} in {counts}{number(overall['ratio'])}."]
     if found.headline is not None:
@@ -136,11 +144,13 @@ def in_short(found: Analysis) -> list[str]:
             f"For these pairs alone, with other participants: {between(by_person['low'], by_person['high'])}, "
             f"p = {p_text(by_person['p'])} (Student's t over participants)."
         )
-    coin = _test(found, "binomial, two-sided")
-    said.append(
-        f"The binomial test would say p = {p_text(coin['p'])}. It takes every answer for an independent coin; "
-        "answers of one participant, and answers about one pair, hang together, so this p is too small."
-    )
+    if total > len(found.participants) > 1:
+        coin = _test(found, "binomial, two-sided")
+        said.append(
+            f"The binomial test would say p = {p_text(coin['p'])}. It takes every answer for an independent coin; "
+            "answers of one participant, and answers about one pair, hang together, so it is surer than the answers "
+            "allow."
+        )
     if found.strengths is not None and len(found.answers.levels) > 2:
         table = found.strengths.table
         best = table.loc[table["rank"].idxmin()]
@@ -149,7 +159,7 @@ def in_short(found: Analysis) -> list[str]:
             "of the participants (Bradley-Terry)."
         )
     said += [_interaction_sentence(one, a) for one in found.interactions.values()]
-    if np.isfinite(found.heterogeneity_p):
+    if np.isfinite(found.heterogeneity_p) and total > len(found.participants):
         shares = found.participants["share"]
         differ = "differ" if found.heterogeneity_p <= 0.05 else "do not differ more than chance lets them"
         said.append(
@@ -173,10 +183,9 @@ def side_and_position(found: Analysis) -> list[str]:
     said = []
     if found.side is not None:
         one = found.side
-        said.append(
-            f"The left video was chosen in {percent(one.share, 1)} of the answers ({between(one.low, one.high)}, "
-            f"p = {p_text(one.p_t)}; Student's t over participants)."
-        )
+        by = f" ({between(one.low, one.high)}, p = {p_text(one.p_t)}; Student's t over participants)"
+        left = f"The left video was chosen in {percent(one.share, 1)} of the answers"
+        said.append(f"{left}{by if one.participants_n > 1 else ''}.")
     if found.position is not None and found.position.participants_n:
         said.append(
             f"From the first to the last trial of a session the share for {sides(found)[0]} changes by "
