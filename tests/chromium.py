@@ -110,7 +110,7 @@ class Chromium:
             raise RuntimeError(f"{expression}: {result['exceptionDetails']}")
         return result["result"].get("value")
 
-    def wait(self, expression, seconds=60):
+    def wait(self, expression, seconds=30):
         """Until the expression is true in the page, which may be on its way to another."""
         end = time.monotonic() + seconds
         while True:
@@ -130,7 +130,9 @@ class Chromium:
     def click(self, selector):
         """A real press of the mouse in the middle of an element."""
         where = f"document.querySelector({json.dumps(selector)})"
-        self.wait(f"{where} && !{where}.disabled && {where}.getClientRects().length")
+        self.wait(
+            f"document.readyState == 'complete' && {where} && !{where}.disabled && {where}.getClientRects().length"
+        )
         box = self.see(f"{where}.scrollIntoView({{block: 'nearest'}}), {where}.getBoundingClientRect().toJSON()")
         x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
         for kind in ("mousePressed", "mouseReleased"):

@@ -71,11 +71,11 @@ def at(clips, tmp_path):
 
 def to_the_start(browser, server):
     browser.go(server.address)
-    browser.wait("document.readyState == 'complete' && document.querySelector('button.main')")
+    browser.wait("document.readyState == 'complete' && !!document.querySelector('button.main')")
     browser.click("button.main")
     browser.wait("document.readyState == 'complete' && location.pathname == '/instructions'")
     browser.click("a.button")
-    browser.wait("location.pathname == '/trials' && document.getElementById('trouble')")
+    browser.wait("location.pathname == '/trials' && !!document.getElementById('trouble')")
 
 
 def to_the_trials(browser, server):
@@ -218,7 +218,7 @@ def test_layout(at, tmp_path, width, height):
     browser, server, _ = at("tie_allowed = true\n")
     browser.resize(width, height, mobile=width < 900)
     browser.go(server.address)
-    browser.wait("document.querySelector('form')")
+    browser.wait("!!document.querySelector('form')")
     assert browser.see("document.documentElement.scrollWidth") <= width
     to_the_trials(browser, server)
     browser.click("#play")
@@ -273,6 +273,6 @@ def test_withdrawal(at):
     browser.wait("document.body.innerText.includes('have been deleted')")
     assert exported(folder)[1].empty
     browser.go(server.address)
-    browser.wait("document.querySelector('form')")
+    browser.wait("!!document.querySelector('form')")
     time.sleep(0.1)
     assert not browser.said

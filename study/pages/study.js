@@ -53,7 +53,8 @@ function trouble(text, again) {
 
 // -- one trial ------------------------------------------------------------------------------------------------------
 
-function show(said) {
+// `attempt` above 0: its videos are loaded once more, past what the browser has kept of them
+function show(said, attempt = 0) {
   if (said.done) {
     location.replace("done");
     return;
@@ -72,6 +73,7 @@ function show(said) {
     differences: [], // s: right less left, where the browser does not say when frames are shown
     stalls: 0,
     loads: loads(said.trial),
+    attempt,
   };
   $("question").textContent = said.question;
   const practice = said.kind === "practice" ? texts.practice + " · " : "";
@@ -87,7 +89,7 @@ function show(said) {
   trouble("");
   hint(texts.loading);
   if (document.activeElement) document.activeElement.blur();
-  place();
+  place(attempt);
 }
 
 function loads(number) {
@@ -127,14 +129,15 @@ function make(address) {
 }
 
 // Put this trial's videos in their places; those that were loaded ahead are used.
-async function place() {
+async function place(attempt) {
   const mine = trial;
   const old = Object.values(videos);
   videos = {};
   for (const side of SIDES) {
     const address = trial[side];
-    const video = shelf[address] && !shelf[address].error ? shelf[address] : make(address);
-    delete shelf[address];
+    const loaded = attempt === 0 && shelf[address] && !shelf[address].error;
+    const video = loaded ? shelf[address] : make(attempt ? `${address}?attempt=${attempt}` : address);
+    if (loaded) delete shelf[address];
     videos[side] = video;
     wire(side, video);
     $("side_" + side).replaceChildren(video);
@@ -146,7 +149,7 @@ async function place() {
   } catch {
     if (mine !== trial) return;
     hint("");
-    trouble(texts.broken, () => show(mine));
+    trouble(texts.broken, () => show(mine, attempt + 1));
     return;
   }
   if (mine !== trial) return;
@@ -212,7 +215,7 @@ function wire(side, video) {
     video.addEventListener("canplay", () => current() && look.both && run(other), { once: true });
   };
   video.onerror = () => {
-    if (current() && look.started !== null && !sending) trouble(texts.broken, () => show(mine));
+    if (current() && look.started !== null && !sending) trouble(texts.broken, () => show(mine, look.attempt + 1));
   };
   video.onclick = () => current() && replay(side);
 }
@@ -279,7 +282,7 @@ async function playBoth() {
     look.both = false;
     if (error && error.name === "NotAllowedError") {
       await Promise.all(SIDES.map(toStart)); // the browser wants a press first: the button is there
-    } else if (error && error.name !== "AbortError") trouble(texts.broken, () => show(mine));
+    } else if (error && error.name !== "AbortError") trouble(texts.broken, () => show(mine, look.attempt + 1));
   } finally {
     starting = false;
   }
@@ -393,11 +396,13 @@ async function answer(choice) {
       shown_width_px: Math.round(videos.left.getBoundingClientRect().width),
     },
   };
-  show(await ask("answer", {
-    method: "POST",
-    headers: { "Content-Type": "application/json" },
-    body: JSON.stringify(body),
-  }));
+  show(
+    await ask("answer", {
+      method: "POST",
+      headers: { "Content-Type": "application/json" },
+      body: JSON.stringify(body),
+    }),
+  );
 }
 
 for (const id of ["left", "right", "tie"]) $(id).addEventListener("click", () => answer(id));
@@ -424,4 +429,4 @@ document.addEventListener("keydown", (event) => {
 
 window.addEventListener("pageshow", (event) => event.persisted && location.reload()); // the way back shows no old pair
 
-ask("state").then(show);
+ask("state").then((said) => show(said));
