@@ -257,7 +257,7 @@ def hotelling_p(x: np.ndarray) -> float:
     values, vectors = np.linalg.eigh(np.cov(x, rowvar=False).reshape(x.shape[1], -1))
     keep = values > 1e-9 * max(values.max(), 1e-300)
     rows_n, columns_n = len(x), int(keep.sum())
-    if rows_n <= columns_n or not columns_n:
+    if rows_n <= x.shape[1] or not columns_n:
         return np.nan
     mean = x.mean(0) @ vectors[:, keep]
     t2 = rows_n * (mean**2 / values[keep]).sum()

@@ -91,15 +91,10 @@ def mixed_logit(choices: Choices, *, level: float = 0.95) -> LogOdds:
     InputError : fewer than 3 participants or pairs, or all answers the same
     """
     y, person, item = _without_ties(choices)
-    persons_n, items_n = person.max() + 1, item.max() + 1
-    both = np.zeros((len(y), persons_n + items_n))
-    both[np.arange(len(y)), person] = 1
-    both[np.arange(len(y)), persons_n + item] = 1
-    start = np.zeros(persons_n + items_n)
+    effects = np.zeros(person.max() + item.max() + 2)  # the last mode, from which the next search starts
 
     def loss(x):
-        sd = np.repeat(np.abs(x[1:]), [persons_n, items_n])
-        return _minus_log_likelihood(y, both * sd, x[0], start)
+        return _minus_log_likelihood(y, person, item, x[0], abs(x[1]), abs(x[2]), effects)
 
     begin = np.array([np.log(y.mean() / (1 - y.mean())), 0.3, 0.3])
     options = {"xatol": 1e-4, "fatol": 1e-7, "maxiter": 1000}
@@ -107,23 +102,36 @@ def mixed_logit(choices: Choices, *, level: float = 0.95) -> LogOdds:
     best[1:] = np.abs(best[1:])
     keep = np.array([True, best[1] > 1e-3, best[2] > 1e-3])  # a variance at 0 has no curvature to speak of
     error = np.sqrt(np.linalg.inv(_curvature(loss, best)[np.ix_(keep, keep)])[0, 0])
-    return _student("mixed logit", best[0], error, best[1], best[2], min(persons_n, items_n) - 1, level)
+    return _student("mixed logit", best[0], error, best[1], best[2], min(person.max(), item.max()), level)
 
 
-def _minus_log_likelihood(y: np.ndarray, design: np.ndarray, beta: float, start: np.ndarray) -> float:
-    """Laplace's approximation, the effects (standard normal) at their mode, found by Newton's method."""
-    effects = start.copy()
-    unit = np.eye(design.shape[1])
+def _minus_log_likelihood(y, person, item, beta, person_sd, item_sd, effects: np.ndarray) -> float:
+    """Laplace's approximation.
+
+    `effects` (I + J) holds a start for the effects over their standard deviations, and then their mode, found by
+    Newton's method.
+    """
+    persons_n, items_n = person.max() + 1, item.max() + 1
+    sd = np.repeat([person_sd, item_sd], [persons_n, items_n])
+    cell = person * items_n + item
+
+    def at(effects):
+        scaled = effects * sd
+        logit = beta + scaled[person] + scaled[persons_n + item]
+        chance = 1 / (1 + np.exp(-logit))
+        weight = np.bincount(cell, chance * (1 - chance), persons_n * items_n).reshape(persons_n, items_n)
+        bend = np.block([[np.diag(weight.sum(1)), weight], [weight.T, np.diag(weight.sum(0))]])
+        return logit, chance, bend * sd * sd[:, None] + np.eye(len(sd))
+
     for _ in range(STEPS_N):
-        chance = 1 / (1 + np.exp(-(beta + design @ effects)))
-        bend = design.T @ (design * (chance * (1 - chance))[:, None]) + unit
-        step = np.linalg.solve(bend, design.T @ (y - chance) - effects)
+        _, chance, bend = at(effects)
+        rest = y - chance
+        slope = np.concatenate([np.bincount(person, rest, persons_n), np.bincount(item, rest, items_n)]) * sd - effects
+        step = np.linalg.solve(bend, slope)
         effects += step
         if np.abs(step).max() < 1e-9:
             break
-    logit = beta + design @ effects
-    chance = 1 / (1 + np.exp(-logit))
-    bend = design.T @ (design * (chance * (1 - chance))[:, None]) + unit
+    logit, _, bend = at(effects)
     fit = (y * logit - np.logaddexp(0, logit)).sum() - effects @ effects / 2
     return float(np.linalg.slogdet(bend)[1] / 2 - fit)
 
