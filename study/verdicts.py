@@ -60,10 +60,11 @@ def _yes(p: float, direction: bool = True) -> str:
 
 def _overall(overall: Headline, by_video_set: Headline) -> tuple:
     low, high = (share / (1 - share) for share in (overall.low, overall.high))
+    both = _yes(max(overall.p, by_video_set.p), overall.mean > 0.5)
     return (
         "5.1.5, first; 5.4; chapter 6",
         "stickiness improves perceived realism",
-        _yes(overall.p, overall.mean > 0.5),
+        "in part" if both == "no" and _yes(overall.p, overall.mean > 0.5) == "yes" else both,
         "headline (participants and pairs)",
         f"ratio {overall.mean / (1 - overall.mean):.2f}, 95 % interval {low:.2f} to {high:.2f}",
         overall.p,
