@@ -17,7 +17,7 @@ import numpy as np
 
 from study.atomic import whole_file
 from study.binomial import clopper_pearson, p_two_sided
-from study.printed import level_names, number, p_text
+from study.printed import counted, level_names, number, p_text
 from study.responses import Answers
 
 if TYPE_CHECKING:
@@ -188,7 +188,7 @@ def _two_bars(title: str, answers: Answers, a: list, b: list, colours: tuple[str
     seen = answers.preference(b, a)
     bars = (Bar(level_names(a), seen.for_b, seen.n, colours[0]), Bar(level_names(b), seen.for_a, seen.n, colours[1]))
     note = f"ratio {number(seen.ratio)}, p = {p_text(p_two_sided(seen.for_a, seen.n))}" if seen.n else "no answers"
-    ties = f", {seen.ties} ties" if seen.ties else ""
+    ties = f", {counted(seen.ties, 'tie')}" if seen.ties else ""
     return Panel(title, bars, note + ties)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from study import summary
 from study.analysis import Analysis
 from study.atomic import whole_file
-from study.printed import percent
+from study.printed import counted, p_text, percent
 from study.summary import Table
 
 METHODS = (
@@ -145,7 +145,7 @@ def _people(found: Analysis, figure) -> str:
         f"<p>Shares run from {percent(shares.min())} to {percent(shares.max())}. "
         + (
             f"If all participants had the same preference, they would differ this much with p = "
-            f"{summary.p_text(found.heterogeneity_p)} (answers to each pair dealt anew among those who gave them)."
+            f"{p_text(found.heterogeneity_p)} (answers to each pair dealt anew among those who gave them)."
             if np.isfinite(found.heterogeneity_p)
             else ""
         )
@@ -161,7 +161,7 @@ def _exclusions(found: Analysis) -> str:
     wrong = int(found.exclusions["wrong_n"].sum())
     said = (
         f"<p>{wrong} of {int(found.exclusions['catch_n'].sum())} catch trials were answered otherwise than expected; "
-        f"left out: {summary.counted(out, 'participant')}.</p>"
+        f"left out: {counted(out, 'participant')}.</p>"
     )
     return said + _table(summary.exclusions(found))
 

@@ -55,3 +55,8 @@ def level_names(levels) -> str:
         text = [f"{level:g}" for level in levels]
         return f"level{'s' * (len(text) > 1)} {', '.join(text) if len(text) <= 4 else f'{text[0]} to {text[-1]}'}"
     return ", ".join(map(str, levels)) if len(levels) <= 3 else f"{len(levels)} others"
+
+
+def counted(n: int, what: str) -> str:
+    """`1 pair`, `2 pairs`."""
+    return f"{n} {what}{'' if n == 1 else 's'}"

@@ -15,7 +15,7 @@ import pandas as pd
 from study.analysis import Analysis
 from study.effects import Effect, Interaction
 from study.headline import Headline
-from study.printed import between, level_name, level_names, number, p_text, percent, points
+from study.printed import between, counted, level_name, level_names, number, p_text, percent, points
 
 SAMPLES = {
     "answers": "every answer an independent coin; holds for these participants and pairs only, if at all",
@@ -72,11 +72,6 @@ class Table:
         """A table of Markdown, without the method."""
         lines = [self.head, ("---",) * len(self.head), *self.rows]
         return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines) + "\n"
-
-
-def counted(n: int, what: str) -> str:
-    """`1 pair`, `2 pairs`."""
-    return f"{n} {what}{'' if n == 1 else 's'}"
 
 
 def sides(found: Analysis) -> tuple[str, str]:
@@ -333,7 +328,7 @@ def participants(found: Analysis) -> Table:
 def _triads(row) -> tuple[str, str]:
     if not row["triads"]:
         return "-", "-"
-    return f"{int(row['circular'])} of {int(row['triads'])} (coin: {row['expected']:.0f})", p_text(row["p"])
+    return f"{int(row['circular'])} of {int(row['triads'])} (coin: {row['expected']:.3g})", p_text(row["p"])
 
 
 def interaction_levels(one: Interaction) -> Table:
@@ -450,7 +445,7 @@ def verdicts(found: pd.DataFrame) -> Table:
 
 
 def _count_cells(row: dict) -> list[str]:
-    ties = f", {int(row['ties'])} ties" if row["ties"] else ""
+    ties = f", {counted(int(row['ties']), 'tie')}" if row["ties"] else ""
     return [
         f"{int(row['for_a'])} of {int(row['for_a'] + row['for_b'])}{ties}",
         number(row["ratio"]),
