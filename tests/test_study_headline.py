@@ -135,7 +135,7 @@ def test_error_of_the_first_kind_is_4_to_6_percent(person_sd, item_sd):
 
 
 def test_where_people_and_pairs_differ_only_the_headline_keeps_its_error():
-    """A small version of the measurement in benchmarks/study.py."""
+    """A small version of the measurement in benchmarks/study_errors.py."""
     y = simulate(Scenario(16, 30, 0, 0.5, 0.5), 1500, np.random.default_rng(9))
     rate = {name: np.mean(p <= 0.05) for name, p in p_values(y, np.random.default_rng(10), 499).items()}
     assert 0.03 < rate["headline"] < 0.075

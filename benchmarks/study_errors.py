@@ -1,26 +1,19 @@
 """Errors of the first kind of the tests of a perceptual study, and the power of the one that keeps them.
 
-`python benchmarks/study.py --write` prints the study's section of RESULTS.md; --studies 2000 for a quick look.
+`python benchmarks/study_errors.py --write` prints the study's section of RESULTS.md; --studies 2000 for a quick look.
 """
 
 from __future__ import annotations
 
 import argparse
-import sys
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from results import machine, markdown, write_section
 from scipy import stats
 
-# run as a script, this file's own name would hide the package `study`
-sys.path = [place for place in sys.path if Path(place or ".").resolve() != Path(__file__).parent]
-sys.path.append(str(Path(__file__).parent))
-
-from results import machine, markdown, write_section  # noqa: E402
-
-from study.headline import t2_complete  # noqa: E402
-from study.power import DRAWS, Scenario, p_values, sample_size, simulate  # noqa: E402
+from study.headline import t2_complete
+from study.power import DRAWS, Scenario, p_values, sample_size, simulate
 
 ALPHA, SEED = 0.05, 20
 PERSON_SDS, ITEM_SDS = (0.0, 0.5, 1.0), (0.0, 0.5)
@@ -128,7 +121,7 @@ def section(studies_n: int) -> str:
 
 TEXT = """## Perceptual study
 
-`python benchmarks/study.py --write`, seed {seed}. {machine}
+`python benchmarks/study_errors.py --write`, seed {seed}. {machine}
 
 ### Errors of the first kind
 
