@@ -1,7 +1,7 @@
 """Tables of docs/study.md from the thesis's answers: `python benchmarks/study_tables.py --write`.
 
-Only what stands between `<!-- name -->` and `<!-- end of name -->` is replaced; tests/test_study_docs.py asserts that it
-is current.
+Only what stands between `<!-- name -->` and `<!-- end of name -->` is replaced; tests/test_study_docs.py asserts that
+it is current.
 """
 
 from __future__ import annotations

@@ -10,8 +10,8 @@ sample. With y = 1 where a was chosen,
 where n_i are the answers of participant i, m_j those to pair j, and the three variances come from the sums of squares
 (analysis of variance estimators; Searle, Casella and McCulloch, Variance Components, 1992, chapter 5), negative ones
 set to 0. How T is distributed depends on the variances, and no table has it: it is found by drawing normal y of the
-same layout with the estimated variances (parametric bootstrap of a studentised statistic). benchmarks/study_errors.py measures
-the errors of the first kind, and compares with the tests that were not taken.
+same layout with the estimated variances (parametric bootstrap of a studentised statistic). benchmarks/study_errors.py
+measures the errors of the first kind, and compares with the tests that were not taken.
 """
 
 from __future__ import annotations
