@@ -125,8 +125,9 @@ TEXT = """## Perceptual study
 
 ### Errors of the first kind
 
-Percent of {studies_n:,} simulated studies with p <= 0.05 though there is no preference, by the standard deviations (logits)
-of the person / of the pair of videos; nominal 5, standard error {error:.2f}. Target: 4 to 6 for the headline test.
+Percent of {studies_n:,} simulated studies with p <= 0.05 though there is no preference, by the standard deviations
+(logits) of the person / of the pair of videos; nominal 5, standard error {error:.2f}. Target: 4 to 6 for the headline
+test.
 
 12 participants, 60 pairs:
 
@@ -134,18 +135,18 @@ of the person / of the pair of videos; nominal 5, standard error {error:.2f}. Ta
 20 participants, 30 pairs:
 
 {second}
-The tests that take only participants or only pairs for the sample fail where the other one differs; the larger of their two
-p-values is not enough where both do. Satterthwaite's t is too careful where nobody differs. The headline test is
-`study.headline`.
+The tests that take only participants or only pairs for the sample fail where the other one differs; the larger of
+their two p-values is not enough where both do. Satterthwaite's t is too careful where nobody differs. The headline
+test is `study.headline`.
 
 ### Where it fails
 
 The headline test with few participants or few pairs, {few_n:,} studies each:
 
 {few}
-`study.analyse` warns below 10 participants or 10 pairs. Pairs of one action share their videos: where a preference belongs
-to the action rather than to the pair, the actions are the items (12 participants, 10 actions of 6 pairs, standard
-deviations 0.5 / 0.5):
+`study.analyse` warns below 10 participants or 10 pairs. Pairs of one action share their videos: where a preference
+belongs to the action rather than to the pair, the actions are the items (12 participants, 10 actions of 6 pairs,
+standard deviations 0.5 / 0.5):
 
 {shared}
 `study.analyse` shows both.

@@ -78,9 +78,7 @@ def side_effect(answers: Answers, *, level: float = 0.95) -> ClusteredShare | No
     answers = answers.tests
     if not answers.sides_known:
         return None
-    table = answers.table
-    y = np.where(table["chosen"] == "", 0.5, (table["chosen"] == table["left"]).astype(float))
-    return clustered_share(choices_from(table, y), level=level)
+    return clustered_share(answers.left_chosen(), level=level)
 
 
 def position_effect(answers: Answers, a, b, *, level: float = 0.95) -> Effect | None:
@@ -104,17 +102,6 @@ def position_effect(answers: Answers, a, b, *, level: float = 0.95) -> Effect | 
             x = x - x.mean()
             slopes.append(x @ choices.y[mine] / (x @ x))
     return _mean(np.array(slopes), level)
-
-
-def higher_chosen(answers: Answers) -> Choices:
-    """y = 1 where the higher of the two levels was chosen, 0 for the lower, 0.5 for a tie; test trials."""
-    answers = answers.tests
-    rank = {value: i for i, value in enumerate(answers.levels)}
-    table = answers.table
-    left, right = (table[side].map(rank).to_numpy() for side in ("level_left", "level_right"))
-    table, left, right = table[left != right], left[left != right], right[left != right]
-    higher = np.where(left > right, table["left"], table["right"])
-    return choices_from(table, np.where(table["chosen"] == "", 0.5, (table["chosen"] == higher).astype(float)))
 
 
 def interaction(
@@ -162,8 +149,8 @@ def interaction(
     sticky, least = answers.sticky()
     sides = {
         "sticky": part.choices(sticky, least),
-        "higher": higher_chosen(part),
-        "higher_sticky": higher_chosen(part.where(level=sticky)) if len(sticky) > 1 else None,
+        "higher": part.higher_chosen(),
+        "higher_sticky": part.where(level=sticky).higher_chosen() if len(sticky) > 1 else None,
     }
     effects, matched = {}, {}
     for name, choices in sides.items():

@@ -141,24 +141,25 @@ class Answers:
         keep = np.ones(len(self.table), dtype=bool)
         for name, wanted in conditions.items():
             if name == "level":
-                wanted = self._levels(wanted)
-                keep &= (self.table["level_left"].isin(wanted) & self.table["level_right"].isin(wanted)).to_numpy()
+                ranks = self._ranks(wanted)
+                keep &= np.isin(self._arrays["left"], ranks) & np.isin(self._arrays["right"], ranks)
                 continue
             if name not in self.table or name.startswith("_"):
                 known = [*_CONDITIONS, *(c for c in self.table if c not in _CONDITIONS and not c.startswith("_"))]
                 raise InputError(f"expected a column of the answers, got {nearest(name, known)}")
-            text = self.table[name].astype(str)
-            values = [str(int(one)) if isinstance(one, bool) else str(one) for one in _several(wanted)]
-            present = set(text)
+            codes, present = self._codes(name)
+            values = [str(int(one)) if isinstance(one, (bool, np.bool_)) else str(one) for one in _several(wanted)]
             for one in values:
                 if one not in present:
                     raise InputError(f"expected a value that {name} has, got {nearest(one, sorted(present))}")
-            keep &= text.isin(values).to_numpy()
-        return dataclasses.replace(self, table=self.table[keep])
+            keep &= np.isin(codes, [present[one] for one in values])
+        part = dataclasses.replace(self, table=self.table[keep])
+        part.__dict__["_arrays"] = {name: array[keep] for name, array in self._arrays.items()}
+        return part
 
     def preference(self, a: Iterable, b: Iterable) -> Preference:
         """How often a level of `a` was chosen in trials against a level of `b` (levels, or several)."""
-        y = self.choices(a, b).y
+        _, y = self._asked(a, b)
         return Preference(int((y == 1).sum()), int((y == 0).sum()), int((y == 0.5).sum()))
 
     def choices(self, a: Iterable, b: Iterable) -> Choices:
@@ -168,17 +169,18 @@ class Answers:
         ------
         InputError : an unknown level, or one that is in both
         """
-        a, b = self._levels(a), self._levels(b)
-        both = [level for level in a if level in b]
-        if both:
-            raise InputError(f"expected different levels on the two sides, got {both[0]} on both")
-        left, right = self.table["level_left"], self.table["level_right"]
-        a_left = (left.isin(a) & right.isin(b)).to_numpy()
-        a_right = (left.isin(b) & right.isin(a)).to_numpy()
-        table = self.table[a_left | a_right]
-        chosen, a_code = table["chosen"], table["left"].where(a_left[a_left | a_right], table["right"])
-        y = np.where(chosen == "", 0.5, (chosen == a_code).astype(float))
-        return choices_from(table, y)
+        return self._choices(*self._asked(a, b))
+
+    def left_chosen(self) -> Choices:
+        """y = 1 where the video on the left was chosen, 0.5 for a tie, as arrays."""
+        return self._choices(np.ones(len(self), dtype=bool), self._arrays["left_won"])
+
+    def higher_chosen(self) -> Choices:
+        """y = 1 where the higher of the two levels was chosen, 0 for the lower, 0.5 for a tie."""
+        left, right = self._arrays["left"], self._arrays["right"]
+        keep = left != right
+        won = self._arrays["left_won"][keep]
+        return self._choices(keep, np.where((left > right)[keep], won, 1 - won))
 
     def sticky(self) -> tuple[list, list]:
         """The levels above the least, and the least: the question "with the effect or without?"."""
@@ -186,8 +188,53 @@ class Answers:
             raise InputError(f"expected at least two levels, got {', '.join(map(str, self.levels)) or 'none'}")
         return list(self.levels[1:]), list(self.levels[:1])
 
-    def _levels(self, wanted) -> list:
-        by_text = {_plain(level): level for level in self.levels}
+    def _asked(self, a, b) -> tuple[np.ndarray, np.ndarray]:
+        """Which answers put a level of `a` against one of `b` (N,), and y of those."""
+        a, b = self._ranks(a), self._ranks(b)
+        both = [self.levels[rank] for rank in a if rank in b]
+        if both:
+            raise InputError(f"expected different levels on the two sides, got {both[0]} on both")
+        left, right = self._arrays["left"], self._arrays["right"]
+        a_left = np.isin(left, a) & np.isin(right, b)
+        keep = a_left | (np.isin(left, b) & np.isin(right, a))
+        won = self._arrays["left_won"][keep]
+        return keep, np.where(a_left[keep], won, 1 - won)
+
+    def _choices(self, keep: np.ndarray, y: np.ndarray) -> Choices:
+        table = self.table[keep]
+        (person, persons), (item, items) = (
+            _renumbered(self._arrays[code][keep], table[column])
+            for code, column in (("person", "participant"), ("pair", "pair"))
+        )
+        return Choices(y, person, item, persons, items, table)
+
+    @functools.cached_property
+    def _arrays(self) -> dict[str, np.ndarray]:
+        """(N) numbers for the columns that every question needs: person and pair in the order of their names, left and
+        right as places in `levels`, left_won (1, 0, or 0.5 for a tie)."""
+        table = self.table
+        rank = {level: i for i, level in enumerate(self.levels)}
+        left, right = (table[side].map(rank).to_numpy(dtype=np.int64) for side in ("level_left", "level_right"))
+        chosen = table["chosen"].to_numpy(dtype=object)
+        won = np.where(chosen == "", 0.5, (chosen == table["left"].to_numpy(dtype=object)).astype(float))
+        return {
+            "person": _numbered(table["participant"]),
+            "pair": _numbered(table["pair"]),
+            "left": left,
+            "right": right,
+            "left_won": won,
+        }
+
+    def _codes(self, column: str) -> tuple[np.ndarray, dict[str, int]]:
+        """(N) numbers of the values of a column, and which number a value, as text, has."""
+        codes, values = pd.factorize(self.table[column])
+        texts: dict[str, int] = {}
+        for code, value in enumerate(values):
+            texts.setdefault(str(value), code)
+        return codes, texts
+
+    def _ranks(self, wanted) -> list[int]:
+        by_text = {_plain(level): rank for rank, level in enumerate(self.levels)}
         found = []
         for one in _several(wanted):
             if _plain(one) not in by_text:
@@ -198,12 +245,24 @@ class Answers:
 
 def choices_from(table: pd.DataFrame, y: np.ndarray) -> Choices:
     """Arrays of some rows of `Answers.table` and what was answered in them (N,)."""
-    persons, items = _in_order(table["participant"].unique()), _in_order(table["pair"].unique())
-    number = {name: i for i, name in enumerate(persons)}
-    place = {name: i for i, name in enumerate(items)}
-    person = table["participant"].map(number).to_numpy(dtype=np.int64)
-    item = table["pair"].map(place).to_numpy(dtype=np.int64)
-    return Choices(np.asarray(y, dtype=float), person, item, tuple(persons), tuple(items), table)
+    (person, persons), (item, items) = (
+        _renumbered(_numbered(table[column]), table[column]) for column in ("participant", "pair")
+    )
+    return Choices(np.asarray(y, dtype=float), person, item, persons, items, table)
+
+
+def _numbered(column: pd.Series) -> np.ndarray:
+    """(N) places of the values in the order of their names."""
+    codes, names = pd.factorize(column)
+    place = np.empty(len(names), dtype=np.int64)
+    place[[list(names).index(name) for name in _in_order(names)]] = np.arange(len(names))
+    return place[codes]
+
+
+def _renumbered(codes: np.ndarray, column: pd.Series) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Codes without gaps, and the names that they stand for."""
+    _, first, codes = np.unique(codes, return_index=True, return_inverse=True)
+    return codes, tuple(column.iloc[first])
 
 
 def thesis_answers() -> Answers:

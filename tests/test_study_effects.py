@@ -3,7 +3,7 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from study.effects import higher_chosen, hotelling_p, interaction, position_effect, side_effect
+from study.effects import hotelling_p, interaction, position_effect, side_effect
 from study.errors import InputError
 from study.responses import THESIS_MATCHES, answers_from, thesis_answers
 
@@ -56,7 +56,7 @@ def test_a_preference_that_grows_over_the_session_has_that_slope():
 
 def test_higher_chosen_counts_levels_not_sides():
     thesis = thesis_answers()
-    choices = higher_chosen(thesis)
+    choices = thesis.higher_chosen()
     by_hand = sum(thesis.preference(b, a).for_a for a in thesis.levels for b in thesis.levels if b > a)
     assert choices.y.sum() == by_hand and len(choices.y) == 1152
 
