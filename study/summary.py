@@ -102,7 +102,7 @@ def what_was_asked(found: Analysis) -> list[str]:
         audio = len(set(table["audio"])) > 1
         said.append(
             f"{len(actions)} actions: {', '.join(action.replace('_', ' ') for action in actions)}"
-            + (", some of them with and without audio." if audio else ".")
+            + (", some with audio." if audio else ".")
         )
     out = int(found.exclusions["excluded"].sum()) if len(found.exclusions) else 0
     if out:

@@ -83,6 +83,18 @@ def test_all_figures_of_the_thesis_are_there_once_and_named_in_their_title(thesi
     assert [chart.title.split(":")[0] for chart in THESIS_CHARTS] == [f"Figure 5.{number}" for number in range(2, 21)]
 
 
+ACTIONS = {"slow mouth opening": "open_slow", "fast mouth opening": "open_fast"}
+
+
+@pytest.mark.parametrize("chart", THESIS_CHARTS[2:], ids=lambda chart: chart.name)
+def test_figures_of_one_action_show_the_action_that_their_title_names(chart):
+    name = chart.title.split(": ")[1].split(", ")[0]
+    words, _, audio = name.replace("'", "").partition(" with")
+    action = ACTIONS.get(words, words)
+    expected = {" audio": [1], "out audio": [0], "": [0] if action in ACTIONS.values() else [0, 1]}[audio]
+    assert [where for _, where in chart.parts] == [{"action": action, "audio": one} for one in expected]
+
+
 def test_counts_that_the_thesis_prints_about_figure_5_2_and_5_8(thesis):
     assert heights(draw_chart(THESIS_CHARTS[0], thesis)) == [[230, 346]]
     assert heights(draw_chart(THESIS_CHARTS[6], thesis)) == [[13, 47]]
