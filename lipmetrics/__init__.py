@@ -5,10 +5,19 @@ import importlib
 _HOME = {
     "InputError": "errors",
     "Profile": "profile",
+    "Take": "take",
+    "align": "compare.alignment",
+    "average": "compare.averages",
+    "classify": "compare.classes",
     "find_openings": "still",
+    "hausdorff": "compare.distances",
+    "l2": "compare.distances",
     "load_profile": "profile",
     "measure": "pipeline",
     "opening_mask": "still",
+    "read_take": "takes",
+    "read_takes": "takes",
+    "score": "scoring",
 }
 __all__ = sorted(_HOME)
 

@@ -7,30 +7,31 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import os
 import sys
 from collections import Counter
 from pathlib import Path
 
+from lipmetrics.comparison_commands import add_comparison_verbs
+from lipmetrics.console import (
+    BAD_INPUT,
+    DONE,
+    SOME_FAILED,
+    STOPPED,
+    Parser,
+    Version,
+    above_zero,
+    add_verb,
+    complain,
+    count,
+    prepare,
+    say,
+    say_json,
+    seconds,
+    sentence,
+)
+from lipmetrics.endings import VIDEO_ENDINGS
 from lipmetrics.errors import InputError
-
-DONE, BAD_INPUT, SOME_FAILED, STOPPED = 0, 2, 3, 130
-VIDEO_ENDINGS = {
-    ".avi",
-    ".m4v",
-    ".mkv",
-    ".mov",
-    ".mp4",
-    ".mpeg",
-    ".mpg",
-    ".webm",
-    ".wmv",
-    ".mts",
-    ".m2ts",
-    ".ts",
-    ".ogv",
-}
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -54,20 +55,20 @@ def main(argv: list[str] | None = None) -> int:
         arguments = _parser().parse_args(words)
         return arguments.run(arguments)
     except InputError as error:
-        _complain(str(error))
+        complain(str(error))
         return BAD_INPUT
     except (MemoryError, OSError) as error:
-        _complain(_sentence(error))
+        complain(sentence(error))
         return BAD_INPUT
     except KeyboardInterrupt:
-        _complain("stopped; what was finished before is kept")
+        complain("stopped; what was finished before is kept")
         return STOPPED
 
 
 def run_measure(arguments: argparse.Namespace) -> int:
     """`lipmetrics measure`: every clip to its tables, provenance and pictures; goes past clips that fail."""
     folder = Path(arguments.out)
-    _prepare(folder)
+    prepare(folder)
     sources = find_clips(arguments.videos)
     clips, failed = [], []
     for source, stem in zip(sources, unique_stems(sources), strict=True):
@@ -76,12 +77,12 @@ def run_measure(arguments: argparse.Namespace) -> int:
         except Exception as error:
             if len(sources) == 1 and not isinstance(error, InputError | OSError | MemoryError):
                 raise  # a fault of ours: show where
-            failed.append({"source": source, "error": _sentence(error)})
-            _complain(f"{source}: {_sentence(error)}" if len(sources) > 1 else _sentence(error))
+            failed.append({"source": source, "error": sentence(error)})
+            complain(f"{source}: {sentence(error)}" if len(sources) > 1 else sentence(error))
     if arguments.json:
-        _say_json({"command": "measure", "clips": clips, "failed": failed})
+        say_json({"command": "measure", "clips": clips, "failed": failed})
     elif len(sources) > 1:
-        _say(f"{len(clips)} of {len(sources)} clips measured")
+        say(f"{len(clips)} of {len(sources)} clips measured")
     if not failed:
         return DONE
     return SOME_FAILED if clips else BAD_INPUT
@@ -126,7 +127,7 @@ def _measure_one(source: str, stem: str, folder: Path, arguments: argparse.Names
         files.append(folder / f"{stem}.sheet.png")
         write_sheet(source, profile, files[-1], fps=arguments.fps, timestamps=arguments.timestamps)
     for warning in warnings:
-        _complain(f"{profile.meta['file']}: warning: {warning}")
+        complain(f"{profile.meta['file']}: warning: {warning}")
     statuses = Counter(profile.frames["status"])
     summary = {
         "source": source,
@@ -138,7 +139,7 @@ def _measure_one(source: str, stem: str, folder: Path, arguments: argparse.Names
     }
     if not arguments.json:
         counts = f"{summary['open']} open, {summary['closed']} closed, {summary['no_mouth']} without a mouth"
-        _say(f"{profile.meta['file']}: {summary['frames']} frames, {counts} -> {files[0]}")
+        say(f"{profile.meta['file']}: {summary['frames']} frames, {counts} -> {files[0]}")
     return summary
 
 
@@ -147,7 +148,7 @@ def run_demo(arguments: argparse.Namespace) -> int:
     from lipmetrics.demo import demo
 
     folder = Path(arguments.out)
-    _prepare(folder)
+    prepare(folder)
     report = demo(
         folder,
         simulate_demo,
@@ -156,9 +157,9 @@ def run_demo(arguments: argparse.Namespace) -> int:
         rehearsal="lipmetrics.cli:rehearse_demo",
     )
     if arguments.json:
-        _say_json({"command": "demo", **report})
+        say_json({"command": "demo", **report})
     else:
-        _say("\n".join(report["text"]))
+        say("\n".join(report["text"]))
     return DONE
 
 
@@ -257,18 +258,6 @@ def unique_stems(sources: list[str]) -> list[str]:
     return names
 
 
-def _prepare(folder: Path) -> None:
-    """Find out before the work, not after it, that nothing can be written."""
-    probe = folder / f".lipmetrics.{os.getpid()}.part"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        probe.touch()
-        probe.unlink()
-    except OSError as error:
-        reason = error.strerror or error
-        raise InputError(f"expected an output folder to write to, got {folder}: {reason}; choose another -o") from None
-
-
 def _refuse_to_replace_another(path: Path, name: str) -> None:
     """Two clips of one name, measured one after the other into one folder, must not replace each other unseen."""
     try:
@@ -279,45 +268,13 @@ def _refuse_to_replace_another(path: Path, name: str) -> None:
         raise InputError(f"{path} is the profile of another clip, {there}; choose another -o or give --overwrite")
 
 
-def _sentence(error: Exception) -> str:
-    """One line for any error."""
-    if isinstance(error, MemoryError):
-        return "ran out of memory; close other programs or measure a part of the picture with --roi"
-    text = " ".join(str(error).split()) or type(error).__name__
-    return text if isinstance(error, InputError | OSError) else f"unexpected {type(error).__name__}: {text}"
-
-
-def _complain(text: str) -> None:
-    print(f"lipmetrics: {text}", file=sys.stderr)
-
-
-def _say(text: str) -> None:
-    """Print a result; once nobody reads on, the work goes on in silence."""
-    try:
-        print(text, flush=True)
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
-def _say_json(summary: dict) -> None:
-    from lipmetrics.profile import without_nan
-
-    _say(json.dumps(without_nan(summary), indent=2, ensure_ascii=False))
-
-
-class _Parser(argparse.ArgumentParser):
-    """Says what is wrong in one line instead of a page of usage."""
-
-    def error(self, message: str):
-        self.exit(BAD_INPUT, f"{self.prog}: {message}; see '{self.prog} --help'\n")
-
-
 def _parser() -> argparse.ArgumentParser:
-    parser = _Parser(prog="lipmetrics", description="Measure how mouths open in video.")
-    parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
-    verbs = parser.add_subparsers(title="commands", required=True, metavar="COMMAND", parser_class=_Parser)
+    parser = Parser(prog="lipmetrics", description="Measure how mouths open in video.")
+    parser.add_argument("--version", action=Version, nargs=0, help="show the version and exit")
+    verbs = parser.add_subparsers(title="commands", required=True, metavar="COMMAND", parser_class=Parser)
     _add_measure(verbs)
     _add_demo(verbs)
+    add_comparison_verbs(verbs)
     verbs.add_parser("simulate", help="ground-truth clips of sticky mouths from scenes", add_help=False)
     verbs.add_parser("view", help="replay a simulated clip in the browser", add_help=False)
     verbs.add_parser("study", help="design, run and analyse a study that compares videos in pairs", add_help=False)
@@ -325,7 +282,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _add_measure(verbs) -> None:
-    verb = _add_verb(
+    verb = add_verb(
         verbs,
         "measure",
         run_measure,
@@ -340,18 +297,18 @@ def _add_measure(verbs) -> None:
     verb.add_argument("--overlay", action="store_true", help="also write a video with outlines and numbers drawn in")
     verb.add_argument("--plot", action="store_true", help="also draw width, height, area and count over time")
     verb.add_argument("--sheet", action="store_true", help="also write a contact sheet of the least certain frames")
-    verb.add_argument("--start", type=_seconds, metavar="S", help="measure from this time on, s")
-    verb.add_argument("--stop", type=_seconds, metavar="S", help="measure up to this time, s")
-    verb.add_argument("--every", type=_count, default=1, metavar="N", help="measure every N-th frame only")
+    verb.add_argument("--start", type=seconds, metavar="S", help="measure from this time on, s")
+    verb.add_argument("--stop", type=seconds, metavar="S", help="measure up to this time, s")
+    verb.add_argument("--every", type=count, default=1, metavar="N", help="measure every N-th frame only")
     verb.add_argument("--roi", type=_region, metavar="X,Y,W,H", help="look into this part of the picture only, px")
-    verb.add_argument("--mouth-width", type=_above_zero, metavar="PX", help="width of the mouth at rest, if known")
-    verb.add_argument("--fps", type=_above_zero, help="frames per second of an image sequence")
+    verb.add_argument("--mouth-width", type=above_zero, metavar="PX", help="width of the mouth at rest, if known")
+    verb.add_argument("--fps", type=above_zero, help="frames per second of an image sequence")
     verb.add_argument("--timestamps", metavar="FILE", help="times of an image sequence in s, one per line")
     verb.add_argument("--overwrite", action="store_true", help="replace results of another clip of the same name")
 
 
 def _add_demo(verbs) -> None:
-    verb = _add_verb(
+    verb = add_verb(
         verbs,
         "demo",
         run_demo,
@@ -360,50 +317,6 @@ def _add_demo(verbs) -> None:
     )
     verb.add_argument("-o", "--out", default="lipmetrics-demo", metavar="DIR", help="folder for clip and report")
     verb.add_argument("--method", default="default", help="default, or thesis for the published baseline")
-
-
-def _add_verb(verbs, name: str, run, what: str, example: str) -> argparse.ArgumentParser:
-    verb = verbs.add_parser(name, help=what, description=what[0].upper() + what[1:] + ".", epilog=f"example: {example}")
-    verb.add_argument("--json", action="store_true", help="print one machine-readable summary on stdout")
-    verb.set_defaults(run=run)
-    return verb
-
-
-class _Version(argparse.Action):
-    """`--version`, looked up only when asked for."""
-
-    def __call__(self, parser, namespace, values, option_string=None):
-        from importlib.metadata import version
-
-        _say(f"lipmetrics {version('lipmetrics')}")
-        parser.exit()
-
-
-def _number(text: str, what: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"expected {what}, got '{text}'")
-    return value
-
-
-def _seconds(text: str) -> float:
-    return _number(text, "a time in seconds such as 1.5")
-
-
-def _above_zero(text: str) -> float:
-    value = _number(text, "a number above 0")
-    if value <= 0:
-        raise argparse.ArgumentTypeError(f"expected a number above 0, got '{text}'")
-    return value
-
-
-def _count(text: str) -> int:
-    if not text.isascii() or not text.isdigit() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"expected a whole number of at least 1, got '{text}'")
-    return int(text)
 
 
 def _region(text: str) -> tuple[int, int, int, int]:

@@ -32,6 +32,7 @@ from av.stream import Disposition
 from av.video.frame import PictureType
 from av.video.reformatter import VideoReformatter
 
+from lipmetrics.endings import PICTURE_ENDINGS
 from lipmetrics.errors import InputError
 from lipmetrics.pixels import (
     Turn,
@@ -54,7 +55,6 @@ _MAX_READ_ERRORS = 100
 _JUMPABLE_CONTAINERS = ("mov,mp4,m4a,3gp,3g2,mj2", "matroska,webm")
 _NOT_JUMPABLE_CODECS = ("vp8", "libvpx")  # has packets that are never shown
 
-_PICTURE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".ppm", ".pgm"})
 _PICTURE_DECODERS = (
     (re.compile(rb"\x89PNG"), "png"),
     (re.compile(rb"\xff\xd8"), "mjpeg"),
@@ -247,7 +247,7 @@ def open_frames(
     if isinstance(every, bool) or not isinstance(every, int | np.integer) or every < 1:
         raise InputError(f"expected every to be a whole number of at least 1, but got {every!r}")
     path = Path(source)
-    if path.is_file() and path.suffix.lower() not in _PICTURE_SUFFIXES:
+    if path.is_file() and path.suffix.lower() not in PICTURE_ENDINGS:
         if fps is not None or timestamps is not None:
             raise InputError(
                 f"expected fps or timestamps only with pictures, but {path} is a video, which has its own times; leave "
@@ -514,10 +514,10 @@ def _pictures_of(source: Path) -> list[Path]:
             f"expected a video file, a folder of pictures or a pattern like '*.png', but {source} does not exist; "
             "check the path"
         )
-    pictures = [path for path in found if path.suffix.lower() in _PICTURE_SUFFIXES and not path.name.startswith(".")]
+    pictures = [path for path in found if path.suffix.lower() in PICTURE_ENDINGS and not path.name.startswith(".")]
     if not pictures:
         raise InputError(
-            f"expected pictures ({', '.join(sorted(_PICTURE_SUFFIXES))}) in {source}, but there is none among its "
+            f"expected pictures ({', '.join(sorted(PICTURE_ENDINGS))}) in {source}, but there is none among its "
             f"{len(found)} files; give the folder that holds them, or a video file by its name"
         )
     return sorted(pictures, key=lambda path: (str(path.parent), _natural(path.name)))

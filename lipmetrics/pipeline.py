@@ -25,7 +25,7 @@ from lipmetrics.look import NO_MOUTH, OPEN, Look
 from lipmetrics.openings import Identities, measure_outline
 from lipmetrics.profile import FORMAT, RATE_FORMULA, Profile, frame_row, opening_row, resting_mouth_width, tables
 
-# whose version can change a number in the tables
+# whose versions can change a number in the tables
 _PACKAGES = (av, cv2, numba, np, pd)
 
 
@@ -114,9 +114,22 @@ def _provenance(source: str | Path, frames: FrameSource, method: str, settings, 
         "settings": asdict(settings) if is_dataclass(settings) else settings,
         "choices": choices,
         "rates": RATE_FORMULA,
-        "versions": {"lipmetrics": version("lipmetrics"), "python": platform.python_version()}
-        | {package.__name__: package.__version__ for package in _PACKAGES},
+        "versions": versions(),
     }
+
+
+def versions() -> dict[str, str]:
+    """Versions of everything that can change a number."""
+    ours = {"lipmetrics": version("lipmetrics"), "python": platform.python_version()}
+    return ours | {package.__name__: package.__version__ for package in _PACKAGES}
+
+
+def source_facts(source: str | Path) -> dict:
+    """Name, size and SHA-256 of a video, or of the pictures of a sequence one after the other.
+
+    Raises InputError if there is nothing to read.
+    """
+    return _file_facts([Path(source)] if Path(source).is_file() else pictures_of(Path(source)))
 
 
 def _with_progress(frames, start_s: float | None, stop_s: float | None, every: int):

@@ -162,10 +162,16 @@ class Loads(NamedTuple):
     face_force: np.ndarray
 
 
+# What only compiled code calls needs no door for Python, nor one for C; they took a quarter of the time to compile.
+# Called from Python, such a function ends the process.
+_outer = njit(cache=True, nogil=True, no_cfunc_wrapper=True)
+_inner = njit(no_cpython_wrapper=True, no_cfunc_wrapper=True)
+_inlined = njit(forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+
 # ---- constitutive laws on vectors -----------------------------------------------------------------------------------
 
 
-@njit(forceinline=True)
+@_inlined
 def _cofactors(F00, F01, F02, F10, F11, F12, F20, F21, F22):
     """Cofactor matrix J F^-T."""
     return (
@@ -181,7 +187,7 @@ def _cofactors(F00, F01, F02, F10, F11, F12, F20, F21, F22):
     )
 
 
-@njit(forceinline=True)
+@_inlined
 def _neo_hookean(F00, F01, F02, F10, F11, F12, F20, F21, F22, GV, KV):
     """V P = a F + b J F^-T with a = GV J^(-2/3) and b = KV (J - 1) - a tr C / (3 J); also J."""
     c00, c01, c02, c10, c11, c12, c20, c21, c22 = _cofactors(F00, F01, F02, F10, F11, F12, F20, F21, F22)
@@ -206,7 +212,7 @@ def _neo_hookean(F00, F01, F02, F10, F11, F12, F20, F21, F22, GV, KV):
     )
 
 
-@njit(forceinline=True)
+@_inlined
 def _st_venant_kirchhoff(F00, F01, F02, F10, F11, F12, F20, F21, F22, mV, lV):
     """V P = F (lV tr(E) I + 2 mV E), with E = (F^T F - I) / 2; also J."""
     c00, c01, c02, _, _, _, _, _, _ = _cofactors(F00, F01, F02, F10, F11, F12, F20, F21, F22)
@@ -235,7 +241,7 @@ def _st_venant_kirchhoff(F00, F01, F02, F10, F11, F12, F20, F21, F22, mV, lV):
     )
 
 
-@njit
+@_inner
 def _visco_neo_hookean(F00, F01, F02, F10, F11, F12, F20, F21, F22, GV, KV, history, start, terms):
     """V P = F (S_iso + S_vol - sum of h), each h <- p h + q S_part first; also J. The law keeps state: `history`."""
     L = lanes(history)
@@ -289,7 +295,7 @@ def _visco_neo_hookean(F00, F01, F02, F10, F11, F12, F20, F21, F22, GV, KV, hist
     )
 
 
-@njit(forceinline=True)
+@_inlined
 def _stress(law, F00, F01, F02, F10, F11, F12, F20, F21, F22, p, q, history, start, terms):
     """V P (9 vectors) and J of the law of one batch. A law with state gets its batch's `history` from `start` on."""
     if law == NEO_HOOKEAN:
@@ -302,7 +308,7 @@ def _stress(law, F00, F01, F02, F10, F11, F12, F20, F21, F22, p, q, history, sta
 # ---- element forces -------------------------------------------------------------------------------------------------
 
 
-@njit(forceinline=True)
+@_inlined
 def _modes(u0, u1, u2, u3, u4, u5, u6, u7):
     """Sums over the corners of u_a times xi, eta, zeta, eta zeta, xi zeta, xi eta, xi eta zeta, by butterflies."""
     a0, a1, a2, a3 = u0 + u1, u3 + u2, u4 + u5, u7 + u6
@@ -312,7 +318,7 @@ def _modes(u0, u1, u2, u3, u4, u5, u6, u7):
     return e0 + e1, d0 + d1, c1 - c0, d1 - d0, e1 - e0, g0 + g1, g1 - g0
 
 
-@njit(forceinline=True)
+@_inlined
 def _corners(xi, eta, zeta, eta_zeta, xi_zeta, xi_eta, xi_eta_zeta):
     """The transposed map: value at each of the 8 corners of the sum of the modes with these amplitudes."""
     d0, d1 = eta - eta_zeta, eta + eta_zeta
@@ -329,7 +335,7 @@ SLOPES, MODES = 24, 33  # where the latter two begin
 GROUP = 4  # batches that go from phase to phase together
 
 
-@njit
+@_inner
 def _h8_forces(elements, part, seen, forces, scratch):
     """Add the forces of one part's hexahedra to `forces` (M, 4); return the lowest J.
 
@@ -408,7 +414,7 @@ def _h8_forces(elements, part, seen, forces, scratch):
     return lowest(low)
 
 
-@njit(forceinline=True)
+@_inlined
 def _gradient_of_component(constants, q, scratch, u, slopes, modes, swept, L):
     """du/dX = s_ak D_kj + Gamma_ai W_ij and k gamma^T u of one component from its corner values, all in scratch."""
     xi, eta, zeta, eta_zeta, xi_zeta, xi_eta, xi_eta_zeta = _modes(
@@ -444,19 +450,19 @@ def _gradient_of_component(constants, q, scratch, u, slopes, modes, swept, L):
     store(scratch, modes + 3 * L, k * xi_eta_zeta)
 
 
-@njit(forceinline=True)
+@_inlined
 def _weighted(constants, column, L, a, b, c):
     """Sum of three values times one column of three rows of constants."""
     return a * load(constants, column) + b * load(constants, column + 3 * L) + c * load(constants, column + 6 * L)
 
 
-@njit(forceinline=True)
+@_inlined
 def _freed(constants, g, L, mode, H0, H1, H2):
     """Amplitude of one hourglass mode less that of the affine motion."""
     return (mode - load(constants, g) * H0) - (load(constants, g + L) * H1 + load(constants, g + 2 * L) * H2)
 
 
-@njit(forceinline=True)
+@_inlined
 def _forces_of_component(constants, q, scratch, f, slopes, modes, swept, L):
     """Corner forces of one component from V P and the hourglass modes': `_gradient_of_component` transposed."""
     eta_zeta, xi_zeta = load(scratch, modes), load(scratch, modes + L)
@@ -486,20 +492,20 @@ def _forces_of_component(constants, q, scratch, f, slopes, modes, swept, L):
     store(scratch, f + 7 * L, f7)
 
 
-@njit(forceinline=True)
+@_inlined
 def _weighted_row(constants, row, L, t0, t1, t2):
     """Sum of three values times one row of constants."""
     return t0 * load(constants, row) + t1 * load(constants, row + L) + t2 * load(constants, row + 2 * L)
 
 
-@njit(forceinline=True)
+@_inlined
 def _weighted_modes(constants, g, L, eta_zeta, xi_zeta, xi_eta_zeta):
     """What the hourglass modes but the third take from V P along one axis."""
     two = load(constants, g) * eta_zeta + load(constants, g + 3 * L) * xi_zeta
     return two + load(constants, g + 9 * L) * xi_eta_zeta
 
 
-@njit(forceinline=True)
+@_inlined
 def _tetrahedron_gradient(seen, numbers, n, constants, q):
     """F (9 vectors) of one batch of tetrahedra, its D (9 vectors), and the mean of the nodal pressures."""
     L = lanes(constants)
@@ -534,7 +540,7 @@ def _tetrahedron_gradient(seen, numbers, n, constants, q):
     )
 
 
-@njit
+@_inner
 def _tetrahedron_pressures(elements, part, seen, forces):
     """Add K V (J - 1) of one part's tetrahedra to the 4th column of their nodes' forces; return the lowest J."""
     constants, numbers = elements.constants, elements.numbers
@@ -555,7 +561,7 @@ def _tetrahedron_pressures(elements, part, seen, forces):
     return lowest(low)
 
 
-@njit
+@_inner
 def _t4_forces(elements, part, seen, forces, averaged):
     """Add the forces of one part's tetrahedra to `forces` (M, 4); return the lowest J.
 
@@ -619,7 +625,7 @@ def _t4_forces(elements, part, seen, forces, averaged):
     return lowest(low)
 
 
-@njit
+@_inner
 def _average_pressures(nodes, part):
     """Nodal pressure: the parts' sums of K V (J - 1) over the volume at the node, to the 4th column of `seen`."""
     for node in range(nodes.starts[part], nodes.starts[part + 1]):
@@ -633,7 +639,7 @@ def _average_pressures(nodes, part):
 # ---- loads ----------------------------------------------------------------------------------------------------------
 
 
-@njit
+@_inner
 def _push_faces(loads, nodes, part, curves, step):
     """Add follower pressures to one part's forces; return their work over the last increment (trapezoidal rule)."""
     work = 0.0
@@ -664,7 +670,7 @@ def _push_faces(loads, nodes, part, curves, step):
     return work
 
 
-@njit
+@_inner
 def _push_nodes(loads, nodes, part, curves, step):
     """Take nodal forces from one part's internal forces; return their work over the last increment."""
     forces, du = nodes.forces[part], nodes.du
@@ -679,7 +685,7 @@ def _push_nodes(loads, nodes, part, curves, step):
     return 0.5 * work
 
 
-@njit
+@_inner
 def _pull_nodes(nodes, part, before, now):
     """Take the weight from one part's internal forces; return the work of gravity over the last increment.
 
@@ -696,7 +702,7 @@ def _pull_nodes(nodes, part, before, now):
     return total(momentum * mean)
 
 
-@njit
+@_inner
 def _move_nodes(loads, nodes, part, curves, step, keep, damping, dt):
     """Turn the forces of prescribed degrees of freedom into what brings them to place; return the constraints' work.
 
@@ -723,7 +729,7 @@ def _move_nodes(loads, nodes, part, curves, step, keep, damping, dt):
 # ---- nodal update ---------------------------------------------------------------------------------------------------
 
 
-@njit
+@_inner
 def _join_forces(nodes, part):
     """Add what the other parts have put on one part's nodes to its own forces."""
     own = nodes.forces[part]
@@ -735,7 +741,7 @@ def _join_forces(nodes, part):
             store(foreign, i, zero(foreign))
 
 
-@njit
+@_inner
 def _advance_nodes(nodes, part, keep, stats):
     """du <- keep du - compliance f, u <- u + du, f <- 0 (thesis eq. 3.55 as increments); its sums.
 
@@ -802,7 +808,7 @@ def _element_pressures(elements, nodes, part):
     return lambda elements, nodes, part: 1e30
 
 
-@njit(cache=True, nogil=True)
+@_outer
 def internal_forces(elements, nodes):
     """Leave the sum of all parts' internal forces of the displacements `seen` in forces[0]; return the lowest J."""
     parts = nodes.forces.shape[0]
@@ -821,7 +827,7 @@ def internal_forces(elements, nodes):
     return low
 
 
-@njit(cache=True, nogil=True)
+@_outer
 def advance(
     elements, nodes, loads, film, curves, gravity, column, steps, thread, threads, arrived, scheme, ledger, log, stats
 ):
@@ -932,7 +938,7 @@ def advance(
 # ---- once per saved state -------------------------------------------------------------------------------------------
 
 
-@njit(forceinline=True)
+@_inlined
 def _gradient(elements, e, D, W, u, F, modes):
     """Fill F (3, 3) of one element, and for hexahedra rows 3 to 6 of modes (7, 3), its hourglass shapes' amplitudes."""
     for i in range(3):
@@ -960,7 +966,7 @@ def _gradient(elements, e, D, W, u, F, modes):
     return F[0, 0], F[0, 1], F[0, 2], F[1, 0], F[1, 1], F[1, 2], F[2, 0], F[2, 1], F[2, 2]
 
 
-@njit(cache=True, nogil=True)
+@_outer
 def strain_energies(elements, D, W, GV, KV, law, k, L, u):
     """Elastic and hourglass energy of a mesh, J: sum of V psi(F) and of k/2 |gamma^T u|^2.
 
@@ -995,7 +1001,7 @@ def strain_energies(elements, D, W, GV, KV, law, k, L, u):
     return elastic, hourglass
 
 
-@njit(cache=True, nogil=True)
+@_outer
 def largest_area_stretch(elements, D, W, u):
     """Largest singular value of the cofactor matrix J F^-T over all elements, 1 at rest.
 

@@ -10,6 +10,8 @@ import math
 import numpy as np
 from numba import njit
 
+from simulator.simd import choose, lanes, load, minimum, splat, store
+
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def vertex_normals(points: np.ndarray, quads: np.ndarray, weight: np.ndarray, normals: np.ndarray) -> None:
@@ -38,18 +40,25 @@ def vertex_normals(points: np.ndarray, quads: np.ndarray, weight: np.ndarray, no
             normals[v, 2] = 1.0
 
 
+_SLACK = np.float32(1e-5)  # far above rounding: triangles that share an edge leave no gap along it
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def draw_triangles(
     places: np.ndarray, depth: np.ndarray, triangles: np.ndarray, nearest: np.ndarray, owner: np.ndarray, bary
 ) -> None:
     """Which triangle is nearest at the centre of each pixel, and where in it.
 
-    places (V, 2) row and column, px; depth (V,) larger is nearer; triangles (T, 3) counter-clockwise as seen.
-    Fills nearest (H, W), owner (H, W) triangle or -1, and bary (H, W, 2) weights of its second and third corner.
+    places (V, 2) row and column, px; depth (V,) larger is nearer; triangles (T, 3) counter-clockwise as seen, fewer
+    than 2^24. Fills nearest (H, W), owner (H, W) triangle or -1, and bary (2, H, W) weights of its second and third
+    corner, all float32; pictures are 8 or more px wide.
     """
     height, width = owner.shape
     nearest[:] = -np.inf
     owner[:] = -1
+    # a vector of neighbours along the row at once: few triangles are wider
+    numbers = np.arange(lanes(nearest)).astype(np.float32)
+    steps = load(numbers, 0)
     for t in range(len(triangles)):
         i, j, k = triangles[t]
         y0, x0 = places[i, 0], places[i, 1]
@@ -66,25 +75,28 @@ def draw_triangles(
         begin, end = max(math.ceil(left), 0), min(math.floor(right), width - 1)
         z0, z1, z2 = depth[i], depth[j] - depth[i], depth[k] - depth[i]
         over = 1.0 / area
-        # weights of the second and the third corner, and how they change along a row
-        du, dv = -y2 * over, y1 * over
-        for row in range(first, last + 1):
-            y = row - y0
-            u0 = (x2 * y + y2 * x0) * over
-            v0 = -(x1 * y + y1 * x0) * over
-            reached = False
-            for column in range(begin, end + 1):
-                u, v = u0 + du * column, v0 + dv * column
-                if u >= -1e-9 and v >= -1e-9 and u + v <= 1.0 + 1e-9:
-                    reached = True
-                    z = z0 + u * z1 + v * z2
-                    if z > nearest[row, column]:
-                        nearest[row, column] = z
-                        owner[row, column] = t
-                        bary[row, column, 0] = u
-                        bary[row, column, 1] = v
-                elif reached:
-                    break
+        me = splat(steps, t)
+        for column in range(begin, end + 1, len(numbers)):
+            place = min(column, width - len(numbers))
+            # weights of the second and the third corner in the first row, and how they change downwards
+            x, y = place - x0, first - y0
+            first_u = (x2 * y - y2 * x) * over - y2 * over * steps
+            first_v = (y1 * x - x1 * y) * over + y1 * over * steps
+            down_u, down_v = np.float32(x2 * over), np.float32(x1 * over)
+            for row in range(first, last + 1):
+                down = np.float32(row - first)
+                u, v = first_u + down * down_u, first_v - down * down_v
+                z = z0 + z1 * u + z2 * v
+                at = row * width + place
+                # all is read before any is written: the processor waits where a place is alike but for its page
+                before, other = load(nearest, at), load(owner, at)
+                other_u, other_v = load(bary, at), load(bary, at + height * width)
+                # above 0 where inside and nearer
+                seen = minimum(minimum(minimum(u, v), 1.0 - u - v) + _SLACK, z - before)
+                store(nearest, at, choose(seen, z, before))
+                store(owner, at, choose(seen, me, other))
+                store(bary, at, choose(seen, u, other_u))
+                store(bary, at + height * width, choose(seen, v, other_v))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -34,6 +34,7 @@ MODES = ("picture", "wireframe", "stress")
 THREADS = 2
 # Rings of skin around the sheet, so that the picture has no rim: how far out they stand and how much they move along.
 _RINGS = ((1.12, 0.9), (1.3, 0.6), (1.6, 0.25), (2.2, 0.0), (4.0, 0.0))
+_GRAIN = 2**16  # random numbers of which the noise is made: half a second-level cache
 _CURVE = to_srgb(np.linspace(0, 1, 16384)).round().astype(np.uint8)
 _TURBO = cv2.applyColorMap(np.arange(256, dtype=np.uint8)[:, None], cv2.COLORMAP_TURBO)[:, 0, ::-1]
 
@@ -202,12 +203,15 @@ class Stage:
             places = np.zeros((2, len(self.rest)))
         self.attributes = np.zeros((len(self.rest), 8), np.float32)
         self.attributes[:, shade.TEX_X], self.attributes[:, shade.TEX_Y] = places
-        self.attributes[:, shade.SHADE] = 1
-        self.attributes[self.inner_edges, shade.SHADE] = 0.45
-        self.attributes[self.inner_edges, shade.WET] = 1
+        self.wet = np.zeros(len(self.rest), np.float32)
+        self.wet[self.inner_edges] = 1
         self._light()
         sensor = look.sensor
-        self.gains = (sensor.exposure * np.asarray(sensor.cast, float)).astype(np.float32)
+        self.gains = (sensor.exposure * np.array([*sensor.cast, 0.0])).astype(np.float32)
+        at = np.arange(-math.ceil(3 * sensor.blur_px), math.ceil(3 * sensor.blur_px) + 1)
+        lens = np.exp(-0.5 * (at / (sensor.blur_px or 1.0)) ** 2)
+        self.lens = (lens / lens.sum()).astype(np.float32)
+        self.grain = np.random.default_rng(4).standard_normal(_GRAIN + 4 * camera.width_px, np.float32)
         inside = look.inside
         self.teeth = teeth_table(False, look.seed), teeth_table(True, look.seed)
         self.rows, self.tongue, self.colours = rows_of(inside), tongue_of(inside), colours_of(inside)
@@ -321,7 +325,7 @@ class Stage:
         """
         state = self._state(state)
         canvas = self._canvas()
-        shown = self._shown(positions)
+        shown, *ends = shown_positions(self.mouth, np.array([positions, *(during or ())]))
         if self.mode == "wireframe":
             return self._wireframe(shown, state)
         if self.mode == "stress":
@@ -331,7 +335,7 @@ class Stage:
             linear = self._stressed(canvas, positions, shown, state, values, top)
             picture = to_srgb(linear).round().astype(np.uint8)
         else:
-            linear = self._linear(canvas, positions, shown, state, during, jaw_matrix(jaw))
+            linear = self._linear(canvas, positions, shown, state, during, ends, jaw_matrix(jaw))
             picture = self._developed(linear, frame)
         self._canvases.put(canvas)
         return picture
@@ -356,16 +360,16 @@ class Stage:
         size = (height, width)
         return {
             "nearest": np.empty(size, np.float32),
-            "owner": np.empty(size, np.int32),
-            "bary": np.zeros((*size, 2), np.float32),
-            "tissue": np.empty((*size, 3), np.float32),
+            "owner": np.empty(size, np.float32),
+            "bary": np.zeros((2, *size), np.float32),
+            "tissue": np.zeros((*size, 4), np.float32),
             "moved": np.zeros((*size, 2), np.float32),
             "far": np.empty(size, np.int32),
             "cover": np.zeros((2, height, width + 2)),
             "hole": np.zeros(size, np.float32),
             "film": np.zeros(size, np.float32),
             "inside": np.zeros((*size, 3), np.float32),
-            "linear": np.empty((*size, 3), np.float32),
+            "linear": np.empty((*size, 4), np.float32),
             "normals": np.empty((len(self.rest), 3)),
             "attributes": self.attributes.copy(),
         }
@@ -406,10 +410,6 @@ class Stage:
         """Lips' edges (2, M, S + 1, 2, 3) as they are seen, see `lip_edges`."""
         states = None if state is None else np.broadcast_to(state, (lips.shape[1], len(state)))
         return lip_edges(*lips, *self.rest_lips, states)
-
-    def _shown(self, positions: np.ndarray) -> np.ndarray:
-        """(N, 3) m, with the lips' edges where they are drawn."""
-        return shown_positions(self.mouth, np.asarray(positions)[None])[0]
 
     def _cover(self, canvas: dict, lips: np.ndarray, state: np.ndarray, clear: float) -> tuple[int, int, int, int]:
         """Fill hole and film: the mean over places of the lips' edges (2, M, S + 1, 2, 3); return a box around them.
@@ -456,14 +456,14 @@ class Stage:
         drawn_m = float(((gap_m[:-1] + gap_m[1:]) / 2)[held].mean()) if held.any() else 0.0
         return 1 - self.look.skin.film * math.exp(-max(drawn_m - 0.0015, 0.0) / 0.003)
 
-    def _linear(self, canvas, positions, shown, state, during, jaw) -> np.ndarray:
+    def _linear(self, canvas, positions, shown, state, during, ends, jaw) -> np.ndarray:
         mouth, sensor = self.mouth, self.look.sensor
         places = self._raster(canvas, shown)
         velocity, samples = np.zeros_like(places), 1
         lips = self._lips(positions)[:, None]
         if during is not None:
-            velocity = self._project(self.camera.seen(self._vertices(self._shown(during[1]))))
-            velocity -= self._project(self.camera.seen(self._vertices(self._shown(during[0]))))
+            begin, end = (self._project(self.camera.seen(self._vertices(one))) for one in ends)
+            velocity = end - begin
             farthest = float(np.abs(velocity).max())
             if farthest > 0.3:
                 samples = min(int(farthest) + 2, sensor.samples)
@@ -474,7 +474,8 @@ class Stage:
         gap = np.linalg.norm(shown[mouth.upper[:, 0]] - shown[mouth.lower[:, 0]], axis=1)
         box = self._cover(canvas, lips, state, self._clear(state, gap))
         attributes = canvas["attributes"]
-        attributes[:, :3] = canvas["normals"]
+        attributes[:, shade.NX : shade.NZ + 1] = canvas["normals"]
+        attributes[:, shade.MOVED_ROW : shade.MOVED_COLUMN + 1] = velocity
         closed = np.exp(-gap / 0.0008)
         for vertices in (self.upper, self.lower, *np.split(self.inner_edges, 2)):
             attributes[vertices, shade.CLOSED] = closed
@@ -485,13 +486,12 @@ class Stage:
             self.triangles,
             self.plain,
             attributes,
-            velocity.astype(np.float32),
+            self.wet,
             self.texture,
             self.axes,
             self.light,
             self.finish,
             self.backdrop,
-            samples > 1,
             tissue,
             moved,
         )
@@ -523,12 +523,10 @@ class Stage:
 
     def _developed(self, linear: np.ndarray, frame: int) -> np.ndarray:
         sensor = self.look.sensor
-        if sensor.blur_px > 0:
-            side = 2 * math.ceil(3 * sensor.blur_px) + 1
-            linear = cv2.GaussianBlur(linear, (side, side), sensor.blur_px, borderType=cv2.BORDER_REPLICATE)
-        picture = np.empty(linear.shape, np.uint8)
-        seed = (self.look.seed * 1_000_003 + frame * 7919 + 17) % 2**63
-        shade.develop(linear, self.gains, sensor.noise, sensor.read_noise, sensor.vignette, seed, _CURVE, picture)
+        picture = np.empty((*linear.shape[:2], 3), np.uint8)
+        seed = (self.look.seed * 1_000_003 + frame * 7919 + 17) * self.camera.height_px % 2**63
+        effects = map(float, (sensor.noise, sensor.read_noise, sensor.vignette))
+        shade.develop(linear, self.lens, self.gains, *effects, self.grain, seed, _CURVE, picture)
         if sensor.jpeg is not None:
             _, data = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, sensor.jpeg])
             picture = np.ascontiguousarray(cv2.imdecode(data, cv2.IMREAD_COLOR)[..., ::-1])
@@ -553,21 +551,21 @@ class Stage:
         gap = np.linalg.norm(shown[mouth.upper[:, 0]] - shown[mouth.lower[:, 0]], axis=1)
         box = self._cover(canvas, self._lips(positions)[:, None], state, self._clear(state, gap))
         tissue, owner = canvas["tissue"], canvas["owner"]
-        tissue[:] = self.backdrop[:, None]
-        t = self.triangles[np.maximum(owner, 0)]
-        bary = canvas["bary"].astype(float)
-        weights = np.stack([1 - bary.sum(axis=-1), bary[..., 0], bary[..., 1]], axis=-1)
+        tissue[..., :3] = self.backdrop[:, None]
+        t = self.triangles[np.maximum(owner, 0).astype(int)]
+        u, v = canvas["bary"].astype(float)
+        weights = np.stack([1 - u - v, u, v], axis=-1)
         level = np.clip(255 * (on[t] * weights).sum(axis=-1), 0, 255)
         facing = np.clip((canvas["normals"][t, 2] * weights).sum(axis=-1), 0, 1)
         colour = to_linear(_TURBO)[np.where(owner >= 0, level, 0).astype(int)] * (0.35 + 0.65 * facing)[..., None]
-        tissue[owner >= 0] = colour[owner >= 0]
+        tissue[owner >= 0, :3] = colour[owner >= 0]
         canvas["moved"][:] = 0
         canvas["inside"][:] = to_linear((25, 20, 22))
         if box[1] > box[0]:
             shade.fill_between(owner, canvas["hole"], canvas["film"], box, tissue, canvas["moved"], canvas["far"])
         film = to_linear((200, 215, 235)).astype(np.float32)
         shade.compose(tissue, canvas["inside"], canvas["hole"], canvas["film"], film, box)
-        return tissue
+        return tissue[..., :3]
 
     def _wireframe(self, shown: np.ndarray, state: np.ndarray) -> np.ndarray:
         """The mesh's outer edges on black: skin grey, lips red, intact saliva blue."""
@@ -601,9 +599,10 @@ def _head(flat: np.ndarray, rim: np.ndarray) -> np.ndarray:
 
 def _rim(quads: np.ndarray) -> np.ndarray:
     """Nodes around a sheet of quads (Q, 4), in order, counter-clockwise as its faces are."""
-    edges = np.stack([quads, np.roll(quads, -1, axis=1)], axis=-1).reshape(-1, 2)
-    known = {(int(a), int(b)) for a, b in edges}
-    following = {a: b for a, b in known if (b, a) not in known}
+    a, b = np.stack([quads, np.roll(quads, -1, axis=1)]).reshape(2, -1).astype(np.int64)
+    many = quads.max() + 1
+    alone = ~np.isin(a * many + b, b * many + a)  # edges that no other quad runs along the other way
+    following = dict(zip(a[alone].tolist(), b[alone].tolist(), strict=True))
     if not following:
         raise InputError("expected a sheet with a rim, got a closed surface")
     loops = []

@@ -10,146 +10,126 @@ import math
 import numpy as np
 from numba import njit
 
+from simulator.simd import gather, load, maximum, minimum, scatter, square_root, store
+
 # Channels of the skin's texture.
-RED, GREEN, BLUE, SLOPE_X, SLOPE_Y, LIP, SEAM, OIL = range(8)
-# Attributes of a vertex: unit normal, place in the texture, how closed the lips are there, light, wetness.
-NX, NY, NZ, TEX_X, TEX_Y, CLOSED, SHADE, WET = range(8)
+RED, GREEN, BLUE, OIL, SLOPE_X, SLOPE_Y, LIP, SEAM = range(8)
+# Attributes of a vertex: unit normal, how closed the lips are there, place in the texture, px moved over the shutter.
+NX, NY, NZ, CLOSED, TEX_X, TEX_Y, MOVED_ROW, MOVED_COLUMN = range(8)
+LANES = 8  # numbers of a texel, of a vertex, and pixels that are lit at once
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def shade_tissue(
-    owner, bary, triangles, plain, attributes, velocity, texture, axes, light, finish, backdrop, moves, tissue, moved
-):
+def shade_tissue(owner, bary, triangles, plain, attributes, wet, texture, axes, light, finish, backdrop, tissue, moved):
     """Colour every pixel that a triangle owns.
 
-    owner (H, W), bary (H, W, 2) from `draw_triangles`; triangles (T, 3); attributes (V, 8), see NX and on
+    owner (H, W), bary (2, H, W) from `draw_triangles`; triangles (T, 3); attributes (V, 8), see NX and on
     plain : (T,) whether a triangle is skin alone: neither lip nor near their line
-    velocity : (V, 2) px moved while the shutter is open
+    wet : (V,) 1 on the inner edges of the lips, which are wet and lie in shadow, else 0
     texture : (h, w, 8), see RED and on
     axes : (2, 3) the face's x and y axis in the camera's axes
     light : (6, 3) direction, half vector, colour, ambient colour, wrap of red, green and blue, seam's colour
-    finish : sheen, wetness, gloss, seam; moves : whether to fill moved
+    finish : sheen, wetness, gloss, seam
     backdrop : (H, 3) light of what is behind
-    tissue : (H, W, 3) is filled, as is moved (H, W, 2), px
+    tissue : (H, W, 4) is filled with red, green and blue, as is moved (H, W, 2), px
     """
     height, width = owner.shape
     # numbers of one size: a mixture with 64 bits costs a third of the time
     zero, one = np.float32(0.0), np.float32(1.0)
     high, wide = np.float32(texture.shape[0] - 1.001), np.float32(texture.shape[1] - 1.001)
-    lx, ly, lz = light[0]
-    hx, hy, hz = light[1]
-    ax, ay, az = axes[0]
-    bx, by, bz = axes[1]
-    seam_r, seam_g, seam_b = light[5]
-    sheen, wetness, gloss, seam = finish
-    sheen *= np.float32(0.16)
-    silk, wet = wetness * (one - gloss) * np.float32(0.30), wetness * gloss * np.float32(0.9)
-    wetness *= np.float32(0.16)
-    soft, hard = np.float32(0.6), np.float32(0.4)
-    # numbers of a row, so that the light, which is the same sum for every pixel, is reckoned on many pixels at once
-    rows = np.empty((13, width), np.float32)
-    at, skin = np.empty(8, np.float32), np.empty(8, np.float32)
-    nx, ny, nz, norm = rows[0], rows[1], rows[2], rows[3]
-    red, green, blue, oil = rows[4], rows[5], rows[6], rows[7]
-    facing, shine, sky, rim, body = rows[8], rows[9], rows[10], rows[11], rows[12]
-    lips, lip, dark = np.empty(width, np.int64), np.empty(width, np.float32), np.empty(width, np.float32)
+    below = LANES * texture.shape[1]  # from a texel to the one below it
+    nothing = zero * load(attributes, 0)
+    full = nothing + one
+    # a row of pixels in short passes, so that the processor has many pixels in hand at once
+    points, skins = np.zeros((2 * width, 4), np.float32), np.zeros((2 * width, 4), np.float32)
+    texels, weights = np.zeros(width, np.int64), np.zeros((width, 2), np.float32)
+    wets, lips = np.zeros(width, np.float32), np.zeros(width, np.bool_)
+    first_half = np.arange(0, LANES * width, LANES).astype(np.int32)
+    second_half, pixels = first_half + np.int32(4), first_half // np.int32(2)
     for row in range(height):
-        count = 0
+        behind = False
         for column in range(width):
-            body[column] = one
-            if owner[row, column] < 0:
-                nx[column], ny[column], nz[column] = zero, zero, one
-                red[column], green[column], blue[column], oil[column] = zero, zero, zero, zero
-                moved[row, column, 0] = zero
-                moved[row, column, 1] = zero
+            wets[column], lips[column] = zero, False
+            if owner[row, column] < zero:
+                store(points, LANES * column, nothing)
+                behind = True
                 continue
             t = np.uint32(owner[row, column])
             i, j, k = triangles[t, 0], triangles[t, 1], triangles[t, 2]  # unsigned: no look at negative indices
-            u, v = bary[row, column, 0], bary[row, column, 1]
+            u, v = bary[0, row, column], bary[1, row, column]
             w = one - u - v
-            # eight alike, read and written side by side: one instruction does them all
-            v0 = w * attributes[i, 0] + u * attributes[j, 0] + v * attributes[k, 0]
-            v1 = w * attributes[i, 1] + u * attributes[j, 1] + v * attributes[k, 1]
-            v2 = w * attributes[i, 2] + u * attributes[j, 2] + v * attributes[k, 2]
-            v3 = w * attributes[i, 3] + u * attributes[j, 3] + v * attributes[k, 3]
-            v4 = w * attributes[i, 4] + u * attributes[j, 4] + v * attributes[k, 4]
-            v5 = w * attributes[i, 5] + u * attributes[j, 5] + v * attributes[k, 5]
-            v6 = w * attributes[i, 6] + u * attributes[j, 6] + v * attributes[k, 6]
-            v7 = w * attributes[i, 7] + u * attributes[j, 7] + v * attributes[k, 7]
-            at[0], at[1], at[2], at[3], at[4], at[5], at[6], at[7] = v0, v1, v2, v3, v4, v5, v6, v7
-            if moves:
-                moved[row, column, 0] = w * velocity[i, 0] + u * velocity[j, 0] + v * velocity[k, 0]
-                moved[row, column, 1] = w * velocity[i, 1] + u * velocity[j, 1] + v * velocity[k, 1]
-            tx, ty = min(max(at[TEX_X], zero), wide), min(max(at[TEX_Y], zero), high)
-            c, r = np.uint32(tx), np.uint32(ty)
-            fx, fy = tx - np.float32(c), ty - np.float32(r)
-            w11 = fx * fy
-            w01, w10 = fx - w11, fy - w11
-            w00 = one - fx - w10
-            r1, c1 = r + np.uint32(1), c + np.uint32(1)
-            v0 = w00 * texture[r, c, 0] + w01 * texture[r, c1, 0] + w10 * texture[r1, c, 0] + w11 * texture[r1, c1, 0]
-            v1 = w00 * texture[r, c, 1] + w01 * texture[r, c1, 1] + w10 * texture[r1, c, 1] + w11 * texture[r1, c1, 1]
-            v2 = w00 * texture[r, c, 2] + w01 * texture[r, c1, 2] + w10 * texture[r1, c, 2] + w11 * texture[r1, c1, 2]
-            v3 = w00 * texture[r, c, 3] + w01 * texture[r, c1, 3] + w10 * texture[r1, c, 3] + w11 * texture[r1, c1, 3]
-            v4 = w00 * texture[r, c, 4] + w01 * texture[r, c1, 4] + w10 * texture[r1, c, 4] + w11 * texture[r1, c1, 4]
-            v5 = w00 * texture[r, c, 5] + w01 * texture[r, c1, 5] + w10 * texture[r1, c, 5] + w11 * texture[r1, c1, 5]
-            v6 = w00 * texture[r, c, 6] + w01 * texture[r, c1, 6] + w10 * texture[r1, c, 6] + w11 * texture[r1, c1, 6]
-            v7 = w00 * texture[r, c, 7] + w01 * texture[r, c1, 7] + w10 * texture[r1, c, 7] + w11 * texture[r1, c1, 7]
-            skin[0], skin[1], skin[2], skin[3], skin[4], skin[5], skin[6], skin[7] = v0, v1, v2, v3, v4, v5, v6, v7
-            red[column], green[column], blue[column], oil[column] = skin[RED], skin[GREEN], skin[BLUE], skin[OIL]
-            sx, sy = skin[SLOPE_X], skin[SLOPE_Y]
-            nx[column] = at[NX] - sx * ax - sy * bx
-            ny[column] = at[NY] - sx * ay - sy * by
-            nz[column] = at[NZ] - sx * az - sy * bz
+            at_i, at_j, at_k = LANES * np.int64(i), LANES * np.int64(j), LANES * np.int64(k)
+            point = w * load(attributes, at_i) + u * load(attributes, at_j) + v * load(attributes, at_k)
+            store(points, LANES * column, point)
             if not plain[t]:
-                lips[count] = column
-                lip[count] = max(at[WET], skin[LIP])
-                dark[count] = seam * skin[SEAM] * at[CLOSED]
-                body[column] = at[SHADE]
-                count += 1
-        for c in range(width):
-            norm[c] = one / np.sqrt(nx[c] * nx[c] + ny[c] * ny[c] + nz[c] * nz[c] + np.float32(1e-12))
-        for c in range(width):
-            facing[c] = (nx[c] * lx + ny[c] * ly + nz[c] * lz) * norm[c]
-            sky[c] = np.float32(0.72) + np.float32(0.28) * ny[c] * norm[c]
-        for c in range(width):
+                wets[column], lips[column] = w * wet[i] + u * wet[j] + v * wet[k], True
+        for column in range(width):
+            place = points[2 * column + 1]
+            tx, ty = min(max(place[TEX_X - 4], zero), wide), min(max(place[TEX_Y - 4], zero), high)
+            c, r = np.int32(tx), np.int32(ty)
+            texels[column] = below * np.int64(r) + LANES * np.int64(c)
+            weights[column, 0], weights[column, 1] = tx - np.float32(c), ty - np.float32(r)
+            moved[row, column, 0], moved[row, column, 1] = place[MOVED_ROW - 4], place[MOVED_COLUMN - 4]
+        for column in range(width):
+            at, fx, fy = texels[column], weights[column, 0], weights[column, 1]
+            upper, lower = load(texture, at), load(texture, at + below)
+            upper = upper + fx * (load(texture, at + LANES) - upper)
+            lower = lower + fx * (load(texture, at + below + LANES) - lower)
+            store(skins, LANES * column, upper + fy * (lower - upper))
+        for column in range(0, width, LANES):
+            c = min(column, width - LANES)  # the last ones overlap
+            nx, ny, nz, closed = gather(points, first_half, c, 0)
+            red, green, blue, oil = gather(skins, first_half, c, 0)
+            slope_x, slope_y, lip, seam = gather(skins, second_half, c, 0)
+            nx = nx - slope_x * axes[0, 0] - slope_y * axes[1, 0]
+            ny = ny - slope_x * axes[0, 1] - slope_y * axes[1, 1]
+            nz = nz - slope_x * axes[0, 2] - slope_y * axes[1, 2]
+            norm = one / square_root(nx * nx + ny * ny + nz * nz + np.float32(1e-12))
+            nx, ny, nz = nx * norm, ny * norm, nz * norm
+            facing = nx * light[0, 0] + ny * light[0, 1] + nz * light[0, 2]
+            sky = np.float32(0.72) + np.float32(0.28) * ny
             # below 0.55 the powers are as good as 0, and soon denormal, which is slow
-            s = max((nx[c] * hx + ny[c] * hy + nz[c] * hz) * norm[c], np.float32(0.55))
-            s2 = s * s
-            s4 = s2 * s2
+            s = maximum(nx * light[1, 0] + ny * light[1, 1] + nz * light[1, 2], np.float32(0.55) * full)
+            s4 = (s * s) * (s * s)
             s8 = s4 * s4
-            shine[c] = sheen * (np.float32(0.25) * s8 + s8 * s8) * oil[c]
-        for c in range(width):
-            away = one - min(max(nz[c] * norm[c], zero), one)
-            rim[c] = np.float32(0.10) * away * away * away
-        for n in range(count):
-            c = lips[n]
-            s = max((nx[c] * hx + ny[c] * hy + nz[c] * hz) * norm[c], np.float32(0.55))
-            s16 = s * s
-            s16 *= s16
-            s16 *= s16
-            s16 *= s16
-            s64 = s16 * s16
-            s64 *= s64
-            light_up = one - dark[n]
-            shine[c] += lip[n] * (silk * s16 + wet * s64 * s64 + wetness * s64 - shine[c])
-            shine[c] *= body[c] * (one - np.float32(0.7) * dark[n])
-            rim[c] *= light_up
-            sky[c] *= body[c]
-            red[c] = red[c] * light_up + dark[n] * seam_r
-            green[c] = green[c] * light_up + dark[n] * seam_g
-            blue[c] = blue[c] * light_up + dark[n] * seam_b
-        for a in range(3):
-            colour, sun, around, wrap = rows[4 + a], light[2, a], light[3, a], light[4, a]
-            over = one / (one + wrap)
-            for c in range(width):
-                lit = max((facing[c] + wrap) * over, zero)
-                lit = sun * lit * (soft + hard * lit) * body[c] + around * sky[c]
-                colour[c] = colour[c] * lit + sun * shine[c] + around * rim[c]
-        for c in range(width):
-            if owner[row, c] < 0:
-                red[c], green[c], blue[c] = backdrop[row, 0], backdrop[row, 1], backdrop[row, 2]
-            tissue[row, c, 0], tissue[row, c, 1], tissue[row, c, 2] = red[c], green[c], blue[c]
+            shine = np.float32(0.16) * finish[0] * (np.float32(0.25) * s8 + s8 * s8) * oil
+            away = one - minimum(maximum(nz, nothing), full)
+            rim = np.float32(0.10) * away * away * away
+            body, lip_here = full, False
+            for n in range(c, c + LANES):
+                lip_here |= lips[n]
+            if lip_here:
+                wetness, gloss = finish[1], finish[2]
+                inner = load(wets, c)
+                lip, dark = maximum(inner, lip), finish[3] * seam * closed
+                body, light_up = one - np.float32(0.55) * inner, one - dark
+                s16 = s8 * s8
+                s64 = (s16 * s16) * (s16 * s16)
+                silk = wetness * (one - gloss) * np.float32(0.30) * s16
+                silk = silk + wetness * gloss * np.float32(0.9) * (s64 * s64) + wetness * np.float32(0.16) * s64
+                shine = (shine + lip * (silk - shine)) * body * (one - np.float32(0.7) * dark)
+                rim, sky = rim * light_up, sky * body
+                red = red * light_up + dark * light[5, 0]
+                green = green * light_up + dark * light[5, 1]
+                blue = blue * light_up + dark * light[5, 2]
+            red = _lit(red, facing, shine, sky, rim, body, light, 0)
+            green = _lit(green, facing, shine, sky, rim, body, light, 1)
+            blue = _lit(blue, facing, shine, sky, rim, body, light, 2)
+            scatter(tissue[row], pixels, c, red, green, blue, nothing)
+        if behind:
+            for column in range(width):
+                if owner[row, column] < zero:
+                    for a in range(3):
+                        tissue[row, column, a] = backdrop[row, a]
+
+
+@njit(forceinline=True)
+def _lit(colour, facing, shine, sky, rim, body, light, a):
+    """Light of one colour, 0 to 2, that a surface throws back: soft light that reaches round it, sky, highlights."""
+    sun, around, wrap = light[2, a], light[3, a], light[4, a]
+    direct = maximum((facing + wrap) * (np.float32(1.0) / (np.float32(1.0) + wrap)), np.float32(0.0) * facing)
+    direct = sun * direct * (np.float32(0.6) + np.float32(0.4) * direct) * body + around * sky
+    return colour * direct + sun * shine + around * rim
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -332,37 +312,37 @@ def shade_inside(hole, box, camera, jaw, shown, rows, upper, lower, colours, lig
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def smear(tissue, moved, samples, out):
-    """The mean of tissue (H, W, 3) along each pixel's movement (H, W, 2), px, in out (H, W, 3)."""
+    """The mean of tissue (H, W, 4) along each pixel's movement (H, W, 2), px, in out (H, W, 4)."""
     height, width = tissue.shape[:2]
     zero, half = np.float32(0.0), np.float32(0.5)
     lowest, rightmost = np.float32(height - 1.01), np.float32(width - 1.01)
+    sums = np.empty((4, 4), np.float32)
     for row in range(height):
         for column in range(width):
             dy, dx = moved[row, column, 0], moved[row, column, 1]
             length = max(abs(dy), abs(dx))
             if length <= np.float32(0.3):
-                for a in range(3):
+                for a in range(4):
                     out[row, column, a] = tissue[row, column, a]
                 continue
             count = min(int(length) + 2, samples)
             each = np.float32(1.0) / np.float32(count)
-            red, green, blue = zero, zero, zero
+            # of a pixel and its right neighbour, and of both times how near the place is to the latter
+            pair, nearer = zero * load(tissue, 0), zero * load(tissue, 0)
             for s in range(count):
                 share = (np.float32(s) + half) * each - half
                 y = min(max(np.float32(row) - dy * share, zero), lowest)
                 x = min(max(np.float32(column) - dx * share, zero), rightmost)
-                r, c = np.uint32(y), np.uint32(x)
-                fy, fx = y - np.float32(r), x - np.float32(c)
-                w11 = fx * fy
-                w01, w10 = fx - w11, fy - w11
-                w00 = np.float32(1.0) - fx - w10
-                r1, c1 = r + np.uint32(1), c + np.uint32(1)
-                red += w00 * tissue[r, c, 0] + w01 * tissue[r, c1, 0] + w10 * tissue[r1, c, 0] + w11 * tissue[r1, c1, 0]
-                green += w00 * tissue[r, c, 1] + w01 * tissue[r, c1, 1]
-                green += w10 * tissue[r1, c, 1] + w11 * tissue[r1, c1, 1]
-                blue += w00 * tissue[r, c, 2] + w01 * tissue[r, c1, 2]
-                blue += w10 * tissue[r1, c, 2] + w11 * tissue[r1, c1, 2]
-            out[row, column, 0], out[row, column, 1], out[row, column, 2] = red * each, green * each, blue * each
+                r, c = np.int32(y), np.int32(x)
+                at = 4 * (np.int64(r) * width + np.int64(c))
+                above = load(tissue, at)
+                both = above + (y - np.float32(r)) * (load(tissue, at + 4 * width) - above)
+                pair = pair + both
+                nearer = nearer + (x - np.float32(c)) * both
+            store(sums, 0, pair - nearer)
+            store(sums, 8, nearer)
+            for a in range(4):
+                out[row, column, a] = each * (sums[0, a] + sums[3, a])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -380,35 +360,48 @@ def compose(linear, inside, hole, film, film_colour, box):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def develop(linear, gains, noise, read_noise, vignette, seed, curve, picture):
-    """8-bit picture (H, W, 3) of linear light (H, W, 3): exposure and cast, vignette, noise, sRGB curve.
+def develop(linear, lens, gains, noise, read_noise, vignette, grain, seed, curve, picture):
+    """8-bit picture (H, W, 3) of linear light (H, W, 4): lens, exposure and cast, vignette, noise, sRGB curve.
 
-    The noise of a pixel depends on seed and its place alone: Irwin-Hall numbers of three 7-bit parts, spread
-    sqrt(noise^2 v + read_noise^2) at light v. curve : (n,) uint8 over light from 0 to 1.
+    lens : (2 n + 1,) weights of the pixels of a row or column around each; beyond the rim it is as there
+    gains : (4,) factors of the colours
+    noise, read_noise : at light v the noise has the spread sqrt(noise^2 v + read_noise^2)
+    grain : (n,) normal random numbers, n > 4 W; a row's noise is the sum of two stretches of it, at places that depend
+        on seed and row alone
+    curve : (m,) uint8 over light from 0 to 1
     """
     height, width = linear.shape[:2]
-    zero, one = np.float32(0.0), np.float32(1.0)
+    numbers, reach = 4 * width, len(lens) // 2
+    factor, fall = np.empty(numbers, np.float32), np.empty(numbers, np.float32)
+    for n in range(numbers):
+        x = (n // 4 - (width - 1) / 2) * 2 / max(height, width)
+        factor[n], fall[n] = gains[n % 4], gains[n % 4] * vignette / 2 * x * x
+    shot, dark = np.float32(noise**2 / 2), np.float32(read_noise**2 / 2)  # halves: two stretches
+    line, light = np.empty(numbers + 8 * reach, np.float32), np.empty(numbers, np.float32)
     scale = np.float32(len(curve) - 1)
-    noisy = noise > 0 or read_noise > 0
-    # parts from 0 to 127: mean of three 190.5, variance of three 3 (128^2 - 1) / 12
-    spread = 1 / math.sqrt(3 * (128**2 - 1) / 12)
-    shot, dark = np.float32((noise * spread) ** 2), np.float32((read_noise * spread) ** 2)
-    start = _hash(np.uint64(seed))
-    bits = np.uint64(0)
-    gain = one
+    nothing = np.float32(0.0) * load(factor, 0)
+    full = nothing + np.float32(1.0)
     for row in range(height):
+        for number in range(0, numbers, LANES):
+            n = min(number, numbers - LANES)  # the last ones overlap
+            seen = nothing
+            for k in range(len(lens)):
+                seen = seen + lens[k] * load(linear, min(max(row + k - reach, 0), height - 1) * numbers + n)
+            store(line, 4 * reach + n, seen)
+        for n in range(4 * reach):
+            line[n], line[4 * reach + numbers + n] = line[4 * reach + n % 4], line[4 * reach + numbers - 4 + n % 4]
         y = (row - (height - 1) / 2) * 2 / max(height, width)
+        middle = np.float32(1 - vignette / 2 * y * y)
+        bits, stretches = _hash(np.uint64(seed) + np.uint64(row)), np.uint64(len(grain) - numbers)
+        one, other = np.int64((bits >> np.uint64(32)) % stretches), np.int64((bits & np.uint64(0xFFFFFFFF)) % stretches)
+        for number in range(0, numbers, LANES):
+            n = min(number, numbers - LANES)
+            seen = nothing
+            for k in range(len(lens)):
+                seen = seen + lens[k] * load(line, n + 4 * k)
+            seen = maximum(seen * (middle * load(factor, n) - load(fall, n)), nothing)
+            seen = seen + (load(grain, one + n) + load(grain, other + n)) * square_root(shot * seen + dark)
+            store(light, n, scale * minimum(maximum(seen, nothing), full) + np.float32(0.5))
         for column in range(width):
-            if vignette > 0:
-                x = (column - (width - 1) / 2) * 2 / max(height, width)
-                gain = np.float32(1 - vignette * min((x * x + y * y) / 2, 1.0))
-            if noisy:
-                bits = _hash(start + np.uint64(row * width + column))
             for a in range(3):
-                v = max(linear[row, column, a] * gain * gains[a], zero)
-                if noisy:
-                    total = np.int32(bits & np.uint64(127)) + np.int32((bits >> np.uint64(7)) & np.uint64(127))
-                    total += np.int32((bits >> np.uint64(14)) & np.uint64(127))
-                    bits = bits >> np.uint64(21)
-                    v = max(v + (np.float32(total) - np.float32(190.5)) * np.sqrt(shot * v + dark), zero)
-                picture[row, column, a] = curve[np.uint32(min(v, one) * scale + np.float32(0.5))]
+                picture[row, column, a] = curve[np.int32(light[4 * column + a])]

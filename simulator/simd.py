@@ -14,7 +14,7 @@ import operator
 
 import numpy as np
 from llvmlite import ir
-from numba.core import config, types
+from numba.core import cgutils, config, types
 from numba.core.datamodel import models, register_default
 from numba.core.imputils import lower_builtin
 from numba.core.registry import cpu_target
@@ -26,8 +26,8 @@ _CONTRACT = ("contract",)  # a * b + c may become one fused instruction; NaN and
 
 
 def load(array: np.ndarray, start: int):
-    """Vector of consecutive values of a flat array."""
-    return array[start : start + LANES[array.dtype]].copy()
+    """Vector of consecutive values of an array, seen flat."""
+    return array.reshape(-1)[start : start + LANES[array.dtype]].copy()
 
 
 def lanes(array: np.ndarray) -> int:
@@ -57,8 +57,8 @@ def spread(like: np.ndarray, array: np.ndarray, values: np.ndarray, record: int)
 
 
 def store(array: np.ndarray, start: int, value) -> None:
-    """Write a vector to consecutive places of a flat array, rounded to the type of the array."""
-    array[start : start + len(value)] = value
+    """Write a vector to consecutive places of an array, seen flat, rounded to the type of the array."""
+    array.reshape(-1)[start : start + len(value)] = value
 
 
 def zero(array: np.ndarray):
@@ -81,6 +81,12 @@ def gather(records: np.ndarray, starts: np.ndarray, start: int, run: int):
     """
     rows = records[starts[start : start + LANES[records.dtype]] // 4]
     return rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 3]
+
+
+def scatter(records: np.ndarray, starts: np.ndarray, start: int, x, y, z, w) -> None:
+    """Write vectors to the 4 columns of the records that `gather` would read by number."""
+    rows = np.stack([x, y, z, np.broadcast_to(w, x.shape)], axis=1)
+    records[starts[start : start + LANES[records.dtype]] // 4] = rows
 
 
 def scatter_add(records: np.ndarray, starts: np.ndarray, start: int, x, y, z, w) -> None:
@@ -107,6 +113,21 @@ def splat(like, value: float):
 def minimum(a, b):
     """Lane by lane the smaller, and NaN where a is NaN."""
     return np.where(b < a, b, a)
+
+
+def maximum(a, b):
+    """Lane by lane the larger, and NaN where a is NaN."""
+    return np.where(b > a, b, a)
+
+
+def choose(test, a, b):
+    """Lane by lane a where `test` is above 0, else b."""
+    return np.where(test > 0, a, b)
+
+
+def square_root(x):
+    """Square roots of lanes that are not negative."""
+    return np.sqrt(x)
 
 
 def poison_unless_positive(low, value):
@@ -470,6 +491,27 @@ def _add_at(context, builder, records_type, records, at, row) -> None:
     _store(context, builder, records_type, records, at, builder.fadd(old, row))
 
 
+@type_callable(scatter)
+def _type_scatter(context):
+    return lambda records, starts, start, x, y, z, w: types.void
+
+
+@lower_builtin(scatter, types.Array, types.Array, types.Integer, Vector, Vector, Vector, Vector)
+def _lower_scatter(context, builder, sig, args):
+    for at, row in _numbered_rows(context, builder, sig, args):
+        _store(context, builder, sig.args[0], args[0], at, row)
+    return context.get_dummy_value()
+
+
+def _numbered_rows(context, builder, sig, args):
+    """Where each lane's record starts, and the record."""
+    lanes = sig.args[3].lanes
+    rows = _rows(builder, *args[3:], lanes)
+    if lanes == 8:
+        rows = [_shuffle(builder, row, row, list(range(half, half + 4))) for half in (0, 4) for row in rows]
+    return zip(_record_starts(context, builder, sig, args, lanes), rows, strict=True)
+
+
 @type_callable(scatter_add)
 def _type_scatter_add(context):
     return lambda records, starts, start, x, y, z, w: types.void
@@ -477,11 +519,7 @@ def _type_scatter_add(context):
 
 @lower_builtin(scatter_add, types.Array, types.Array, types.Integer, Vector, Vector, Vector, Vector)
 def _lower_scatter_add(context, builder, sig, args):
-    lanes = sig.args[3].lanes
-    rows = _rows(builder, *args[3:], lanes)
-    if lanes == 8:
-        rows = [_shuffle(builder, row, row, list(range(half, half + 4))) for half in (0, 4) for row in rows]
-    for at, row in zip(_record_starts(context, builder, sig, args, lanes), rows, strict=True):
+    for at, row in _numbered_rows(context, builder, sig, args):
         _add_at(context, builder, sig.args[0], args[0], at, row)
     return context.get_dummy_value()
 
@@ -543,6 +581,40 @@ def _type_minimum(context):
 def _lower_minimum(context, builder, sig, args):
     a, b = args
     return builder.select(builder.fcmp_ordered("<", b, a), b, a)
+
+
+@type_callable(maximum)
+def _type_maximum(context):
+    return lambda a, b: a
+
+
+@lower_builtin(maximum, Vector, Vector)
+def _lower_maximum(context, builder, sig, args):
+    a, b = args
+    return builder.select(builder.fcmp_ordered(">", b, a), b, a)
+
+
+@type_callable(choose)
+def _type_choose(context):
+    return lambda test, a, b: a
+
+
+@lower_builtin(choose, Vector, Vector, Vector)
+def _lower_choose(context, builder, sig, args):
+    test, a, b = args
+    return builder.select(builder.fcmp_ordered(">", test, ir.Constant(test.type, None)), a, b)
+
+
+@type_callable(square_root)
+def _type_square_root(context):
+    return lambda x: x
+
+
+@lower_builtin(square_root, Vector)
+def _lower_square_root(context, builder, sig, args):
+    name = f"llvm.sqrt.v{sig.args[0].lanes}f{sig.args[0].dtype.bitwidth}"
+    kind = ir.FunctionType(args[0].type, [args[0].type])
+    return builder.call(cgutils.get_or_insert_function(builder.module, kind, name), args)
 
 
 @type_callable(poison_unless_positive)

@@ -18,6 +18,9 @@ from simulator.shade import BLUE, GREEN, LIP, OIL, RED, SEAM, SLOPE_X, SLOPE_Y
 AROUND_M = (0.020, 0.030, 0.025)  # what the texture covers beside, below and above the sheet
 GRAIN_M = 0.0002  # size of the finest pattern, so that it does not depend on the picture's size
 FINEST_M, COARSEST_M = 0.0001, 0.0012
+# The nose is above this height and the lips within this distance of their border, m: beyond it they give nothing.
+NOSE_M, NEAR_M = 0.008, 0.012
+BAND = 24  # rows that are painted at a time
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,89 +64,125 @@ def _paint(values: np.ndarray, x: np.ndarray, y: np.ndarray, mouth: Mouth, look:
     skin, shape = look.skin, values.shape[:2]
     rng = np.random.default_rng([look.seed, 1])
 
-    def noise(across_m: float, along_m: float | None = None) -> np.ndarray:
-        return _noise(rng, shape, step, across_m, across_m if along_m is None else along_m)
-
-    blotch, mottle, pores, dapple = noise(0.006), noise(0.0018), noise(0.0003), noise(0.001)
-    # the border of the red wanders a little
     border, line = _border(mouth, x, y)
-    border = border + 0.00012 * noise(0.004)
-    lip = _smooth(border / skin.border_m + 0.5)
-    above = y - line
-    half = mouth.width_m / 2
+    near = np.flatnonzero(border.max(axis=1) > -NEAR_M)
+    lips = slice(near.min(), near.max() + 1) if len(near) else slice(0, 0)
 
-    base, red = skin.linear.astype(np.float32), skin.lip_linear.astype(np.float32)
-    texture = skin.texture
+    def noise(across_m: float, along_m: float | None = None, rows: slice = slice(0, shape[0])) -> np.ndarray:
+        return _noise(rng, shape, rows, step, across_m, across_m if along_m is None else along_m)
+
+    fields = {"blotch": noise(0.006), "mottle": noise(0.0018), "pores": noise(0.0003)}
+    fields["dapple"] = noise(0.001, rows=lips)
+    # the border of the red wanders a little
+    fields["border"] = border + 0.00012 * noise(0.004)
+    fields["streaks"] = noise(0.0003, 0.002, lips)
+    if skin.freckles:
+        fields["spots"] = noise(0.0008)
+    fields["dots"] = noise(0.0003, rows=slice(0, shape[0] if skin.stubble else 0))
+    fields["lines"] = skin.lip_lines * (noise(0.00035, 0.004, lips) + 0.6 * noise(0.0008, 0.006, lips))
+    relief = np.empty(shape, np.float32)
+    # a band of rows at a time, small enough for a cache
+    bands = [slice(top, min(top + BAND, shape[0])) for top in range(0, shape[0], BAND)]
+    for rows in bands:
+        of_band = {name: field[rows] for name, field in fields.items()}
+        _paint_band(values[rows], relief[rows], x, y[rows], line, mouth.width_m / 2, look, **of_band)
+    for rows in bands:
+        around = slice(max(rows.start - 1, 0), rows.stop + 1)
+        down, right = (gradient / step for gradient in np.gradient(relief[around]))
+        for a, slope in ((SLOPE_X, right), (SLOPE_Y, -down)):
+            slope = slope[rows.start - around.start :][: rows.stop - rows.start]
+            values[rows, :, a] = slope / np.sqrt(1 + (slope / 0.9) ** 2)  # skin hangs over nowhere
+
+
+def _paint_band(
+    values, relief, x, y, line, half, look, *, blotch, mottle, pores, dapple, border, streaks, dots, lines, spots=None
+):
+    """Fill rows of all channels but the slopes, and of the relief, m, from those of the noises and the border."""
+    skin, texture, side = look.skin, look.skin.texture, np.abs(x)
     # redder beside the nose, round the mouth and on the cheeks
-    flush = np.exp(-(((np.abs(x) - 0.045) / 0.02) ** 2) - ((y - 0.02) / 0.025) ** 2)
+    flush = _bell((side - 0.045) / 0.02) * _bell((y - 0.02) / 0.025)
     if skin.nose:
-        flush = flush + 0.9 * np.exp(-((np.abs(x) / 0.014) ** 2) - ((y - 0.040) / 0.012) ** 2)
+        flush = flush + 0.9 * _bell(side / 0.014) * _bell((y - 0.040) / 0.012)
     flush = 0.20 * flush + texture * (0.10 * blotch + 0.05 * mottle)
     tone = 1 + texture * (0.025 * blotch + 0.03 * mottle + 0.04 * pores)
-    lip_tone = 1 + texture * (0.06 * blotch + 0.05 * dapple) + 0.05 * skin.lip_lines * noise(0.0003, 0.002)
-    # a paler rim along the red, a darker fold at the corners and where cheek meets lip
-    rim = np.exp(-(((border + 0.0008) / 0.0009) ** 2)) * (np.abs(x) < half)
-    corner = np.exp(-(((np.abs(x) - half - 0.0005) / 0.0035) ** 2) - (above / 0.0022) ** 2)
-    low = np.clip((0.034 - y) / 0.034, 0, 1.3)
-    fold_x = 0.0205 + 0.0165 * low**1.3
-    fold = np.exp(-(np.abs((np.abs(x) - fold_x) / (0.0024 + 0.003 * low)) ** 1.7))
-    fold = fold * _smooth((y + 0.012) / 0.025) * _smooth((0.037 - y) / 0.008)
-    below_lip = np.exp(-(((y + 0.0150) / 0.0045) ** 2) - (x / 0.020) ** 2)
-    shade = 1 - 0.30 * corner - 0.075 * fold - 0.10 * below_lip * (1 - lip) + 0.05 * rim
+    # a darker fold where cheek meets lip, and shadow below the lips
+    fold = _smooth((y + 0.012) / 0.025) * _smooth((0.037 - y) / 0.008)
+    if fold.any():
+        low = np.clip((0.034 - y) / 0.034, 0, 1.3)
+        off = np.abs((side - 0.0205 - 0.0165 * low**1.3) / (0.0024 + 0.003 * low))
+        fold = fold * np.exp(-(off**1.7))
+    below_lip = _bell((y + 0.0150) / 0.0045) * _bell(x / 0.020)
+    bumps = texture * (1.1e-5 * pores + 2.5e-5 * mottle)
+    lip = seam = np.float32(0.0)
+    near = border.max() > -NEAR_M
+    if near:
+        lip = _smooth(border / skin.border_m + 0.5)
+        above = y - line
+        lip_tone = 1 + texture * (0.06 * blotch + 0.05 * dapple) + 0.05 * skin.lip_lines * streaks
+        # the lower lip is a little lighter than the upper one
+        lip_tone = lip_tone * (1 + 0.04 * np.tanh(-above / 0.002))
+        within = side < half
+        rim = _bell((border + 0.0008) / 0.0009) * within
+        corner = _bell((side - half - 0.0005) / 0.0035) * _bell(above / 0.0022)
+        bumps = bumps * (1 - lip) + 5.5e-5 * lines * lip + 1.2e-4 * _bell(border / 0.0011) * within
+        off = np.maximum(np.abs(above) - 0.0002, 0) / 0.0005
+        seam = np.exp(-(off * np.sqrt(off))) * _smooth((half + 0.0015 - side) / 0.004)
+    shade = 1 - 0.075 * fold - 0.10 * below_lip * (1 - lip)
+    if near:
+        shade = shade - 0.30 * corner + 0.05 * rim  # paler along the red, darker at the corners
+    if skin.nose and y[0, 0] > NOSE_M:
+        nose, nose_shade = _nose(x, y, look.light.direction)
+        bumps, shade = bumps + nose, shade * nose_shade
+    oil = np.clip(1 + texture * (0.25 * blotch + 0.25 * pores), 0, 2)
     if skin.freckles:
-        spots = np.maximum(noise(0.0008) - 2.3 + 1.3 * skin.freckles, 0) * np.exp(-(((y - 0.035) / 0.03) ** 2))
-        freckle = np.clip(spots, 0, 1) * (1 - lip)
-    relief = np.zeros(shape, np.float32)
-    if skin.nose:
-        relief, nose_shade = _nose(x, y, look.light.direction)
-        shade = shade * nose_shade
-    beard = _beard(x, y, half) * (1 - lip) * _smooth((-border - 0.0008) / 0.002)
-    dots = np.clip((noise(0.0003) - 0.2) * 0.8, 0, 1)
+        freckle = np.maximum(spots - 2.3 + 1.3 * skin.freckles, 0) * _bell((y - 0.035) / 0.03)
+        freckle = np.clip(freckle, 0, 1) * (1 - lip)
+    if skin.stubble:
+        beard = _beard(x, y, half) * (1 - lip) * _smooth((-border - 0.0008) / 0.002)
+        cover = beard * skin.stubble * (0.30 + 0.55 * np.clip((dots - 0.2) * 0.8, 0, 1))
+        oil = oil * (1 - 0.6 * beard * skin.stubble)
+    base, red = skin.linear.astype(np.float32), skin.lip_linear.astype(np.float32)
     for channel, (a, absorbs) in enumerate(((RED, 0.25), (GREEN, 1.0), (BLUE, 0.85))):
         colour = base[channel] * tone * np.exp(-absorbs * flush)
         if skin.freckles:
             colour = colour * np.exp(-freckle * (0.25, 0.5, 0.65)[channel])
         if skin.stubble:
-            grey = (0.055, 0.050, 0.050)[channel]
-            cover = beard * skin.stubble * (0.30 + 0.55 * dots)
-            colour = colour + cover * (grey - colour)
-        # the lower lip is a little lighter than the upper one
-        rose = red[channel] * lip_tone * (1 + 0.04 * np.tanh(-above / 0.002))
-        values[..., a] = np.maximum((colour + lip * (rose - colour)) * shade, 0.002)
-
-    lines = skin.lip_lines * (noise(0.00035, 0.004) + 0.6 * noise(0.0008, 0.006))
-    relief = relief + 1.1e-5 * texture * pores * (1 - lip) + 2.5e-5 * texture * mottle * (1 - lip)
-    relief = relief + 5.5e-5 * lines * lip
-    relief = relief + 1.2e-4 * np.exp(-((border / 0.0011) ** 2)) * (np.abs(x) < half)
-    relief = relief - 4e-4 * fold
-    for a, slope in ((SLOPE_X, np.gradient(relief, axis=1) / step), (SLOPE_Y, -np.gradient(relief, axis=0) / step)):
-        values[..., a] = slope / np.sqrt(1 + (slope / 0.9) ** 2)  # skin hangs over nowhere
-    values[..., LIP] = lip
-    taper = _smooth((half + 0.0015 - np.abs(x)) / 0.004)
-    values[..., SEAM] = np.exp(-((np.maximum(np.abs(above) - 0.0002, 0) / 0.0005) ** 1.5)) * taper
-    values[..., OIL] = np.clip(1 + texture * (0.25 * blotch + 0.25 * pores), 0, 2) * (1 - 0.6 * beard * skin.stubble)
+            colour = colour + cover * ((0.055, 0.050, 0.050)[channel] - colour)
+        if near:
+            colour = colour + lip * (red[channel] * lip_tone - colour)
+        values[..., a] = np.maximum(colour * shade, 0.002)
+    relief[:] = bumps - 4e-4 * fold
+    values[..., LIP], values[..., SEAM], values[..., OIL] = lip, seam, oil
 
 
-def _noise(rng, shape, step: float, across_m: float, along_m: float) -> np.ndarray:
-    """Smooth noise about 0 with spread 1, features across_m wide (along x) and along_m high, the same at every step."""
+def _noise(rng, shape, rows: slice, step: float, across_m: float, along_m: float) -> np.ndarray:
+    """Smooth noise about 0 with spread 1, features across_m wide (along x) and along_m high, the same at every step.
+
+    It is 0 outside of `rows`; the random numbers are used up all the same.
+    """
     cells = [max(size * step / GRAIN_M, 1) for size in shape]
     # draw it no finer than it is
     k = [max(1.0, 0.5 * size / GRAIN_M) for size in (along_m, across_m)]
     small = [math.ceil(n / f) + 4 for n, f in zip(cells, k, strict=True)]
     field = rng.standard_normal(small, dtype=np.float32)
+    values = np.zeros(shape, np.float32)
+    if rows.start == rows.stop:
+        return values
     field = cv2.GaussianBlur(field, (0, 0), 0.8, sigmaY=0.8)
     field /= field.std()
     # cubic interpolation at places that do not depend on the step
-    rows = (np.arange(shape[0], dtype=np.float32) + 0.5) * (step / GRAIN_M / k[0]) + 1
+    down = (np.arange(shape[0], dtype=np.float32) + 0.5) * (step / GRAIN_M / k[0]) + 1
     columns = (np.arange(shape[1], dtype=np.float32) + 0.5) * (step / GRAIN_M / k[1]) + 1
-    turn = np.array([[columns[1] - columns[0], 0, columns[0]], [0, rows[1] - rows[0], rows[0]]])
-    return cv2.warpAffine(field, turn, shape[::-1], flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP)
+    turn = np.array([[columns[1] - columns[0], 0, columns[0]], [0, down[1] - down[0], down[rows.start]]])
+    size = (shape[1], rows.stop - rows.start)
+    values[rows] = cv2.warpAffine(field, turn, size, flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP)
+    return values
 
 
 def _border(mouth: Mouth, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Signed distance to the border of the lips and the height of the line between them, m, over the texture."""
     if mouth.shape is not None:
-        shape, x, y = mouth.shape, x.astype(float), y.astype(float)
+        shape = mouth.shape
         line = line_y(shape, x)
         # the line's small waves end at the lips' edge: the lower border is a plain bow
         bow = shape.corner_rise_m * np.minimum(np.abs(x) / (shape.width_m / 2), 1.0) ** 2 + 0.0003
@@ -201,3 +240,7 @@ def _beard(x: np.ndarray, y: np.ndarray, half: float) -> np.ndarray:
 def _smooth(t: np.ndarray) -> np.ndarray:
     t = np.clip(t, 0, 1)
     return t * t * (3 - 2 * t)
+
+
+def _bell(t: np.ndarray) -> np.ndarray:
+    return np.exp(-(t * t))

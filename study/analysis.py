@@ -261,6 +261,7 @@ def _groups(answers: Answers, a, b, level: float, seed: int) -> pd.DataFrame:
     for by in groupings:
         if all(len(answers.table[column].unique()) > 1 for column in by):
             one = grouped(answers, a, b, by, level=level, seed=seed)
+            one = one.astype(dict.fromkeys(by, object))  # so that 0 and 1 stay whole numbers beside empty cells
             one.insert(0, "grouping", " and ".join(by) or "all")
             frames.append(one)
     table = pd.concat(frames, ignore_index=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -289,14 +289,19 @@ def thesis_answers() -> Answers:
 
 
 def load_answers(
-    path: str | Path, *, design: Design | str | Path | None = None, stimuli: str | Path | None = None
+    path: str | Path,
+    *,
+    design: Design | str | Path | None = None,
+    stimuli: str | Path | None = None,
+    levels: Sequence | None = None,
 ) -> Answers:
     """Answers of a CSV with a row per answer and at least participant, left, right and chosen.
 
     What the codes of the videos stand for comes from, first to last: columns of the table itself (level_left,
     level_right, action, audio, speed), `stimuli` (a CSV with the columns stimulus, action, level, audio, speed),
     `design` (a design or its design.json), the codes themselves (puppy_7: action puppy, level 7). Other columns stay
-    and can be asked for by name.
+    and can be asked for by name. `levels` gives the order of levels, the least first, where their names do not (numbers
+    by size, words by the alphabet).
 
     Raises
     ------
@@ -310,10 +315,17 @@ def load_answers(
     if isinstance(design, (str, Path)):
         design = load_design(design)
     known = stimuli_from_csv(stimuli) if stimuli else list(design.stimuli) if design else None
-    return answers_from(table, known, source=str(path), name=str(path))
+    return answers_from(table, known, levels=levels, source=str(path), name=str(path))
 
 
-def answers_from(table: pd.DataFrame, stimuli=None, *, source: str = "", name: str = "the answers") -> Answers:
+def answers_from(
+    table: pd.DataFrame,
+    stimuli=None,
+    *,
+    levels: Sequence | None = None,
+    source: str = "",
+    name: str = "the answers",
+) -> Answers:
     """Answers of a table as `load_answers` reads it; `stimuli` is a list of `study.design.Stimulus` or None."""
     table = table.rename(columns=lambda column: str(column).strip().lower()).reset_index(drop=True)
     missing = [column for column in REQUIRED if column not in table]
@@ -340,7 +352,7 @@ def answers_from(table: pd.DataFrame, stimuli=None, *, source: str = "", name: s
     else:
         table["trial"] = table.groupby("participant").cumcount() + 1
     table["_order"] = _pair_order(table)
-    return Answers(table, tuple(_levels_of(table)), source, True, positions_known)
+    return Answers(table, _level_order(table, levels, name), source, True, positions_known)
 
 
 def _check(table: pd.DataFrame, name: str) -> None:
@@ -428,6 +440,19 @@ def _numbers(column: pd.Series, what: str, name: str) -> pd.Series:
     if wrong.any():
         raise InputError(f"{name}: expected numbers under {what}, got '{short(str(column[wrong].iloc[0]))}'")
     return numbers.astype(int)
+
+
+def _level_order(table: pd.DataFrame, wanted: Sequence | None, name: str) -> tuple:
+    found = _levels_of(table)
+    if wanted is None:
+        return tuple(found)
+    by_text = {_plain(level): level for level in found}
+    wanted = [_plain(one) for one in _several(wanted)]
+    if sorted(wanted) != sorted(by_text):
+        raise InputError(
+            f"{name}: expected each of the levels {', '.join(by_text)} once, the least first, got {', '.join(wanted)}"
+        )
+    return tuple(by_text[one] for one in wanted)
 
 
 def _levels_of(table: pd.DataFrame) -> list:

@@ -80,6 +80,12 @@ def clip(request, tmp_path_factory) -> Path:
     return write_video(at / name, moving_pictures(40), **how)
 
 
+@pytest.fixture(scope="module")
+def whole(clip):
+    """All of a clip, as `read` gives it."""
+    return read(clip)
+
+
 def decoded(path: Path) -> tuple[list[float], list[np.ndarray]]:
     """Times and RGB pictures of a plain decoding loop."""
     with av.open(str(path)) as container:
@@ -203,8 +209,7 @@ def test_frames_are_let_go_without_the_garbage_collector(tmp_path, kind):
 
 
 @pytest.mark.parametrize("start", [0, 1, 10, 17, 20, 24, 32])
-def test_a_range_is_a_part_of_the_whole(clip, start):
-    whole = read(clip)
+def test_a_range_is_a_part_of_the_whole(clip, whole, start):
     start_s = whole[start][1]
     assert_same(read(clip, start_s=start_s), whole[start:])
     before_s = max(0.0, start_s - 0.01)
@@ -229,8 +234,7 @@ def test_what_lies_before_the_start_is_not_decoded(tmp_path, monkeypatch, name, 
     assert 10 <= first[0] <= 25  # a key picture near frame 25
 
 
-def test_every_counts_from_the_first_frame_of_the_file(clip):
-    whole = read(clip)
+def test_every_counts_from_the_first_frame_of_the_file(clip, whole):
     assert_same(read(clip, every=7), whole[::7])
     assert_same(read(clip, every=7, start_s=whole[8][1]), whole[14::7])
 

@@ -10,10 +10,11 @@ def test_depth_buffer_against_a_loop_over_pixels():
     rng = np.random.default_rng(0)
     height, width = 23, 31
     places = rng.uniform(-5, 36, (60, 2))
-    depth = rng.uniform(0, 1, 60)
-    triangles = np.arange(60, dtype=np.uint32).reshape(-1, 3)
-    nearest, owner = np.empty((height, width), np.float32), np.empty((height, width), np.int32)
-    bary = np.zeros((height, width, 2), np.float32)
+    # Laid out as render passes them on: code is compiled for each layout anew.
+    depth = rng.uniform(0, 1, (60, 3))[:, 2]
+    triangles = np.asfortranarray(np.arange(60, dtype=np.uint32).reshape(-1, 3))
+    nearest, owner = np.empty((2, height, width), np.float32)
+    bary = np.zeros((2, height, width), np.float32)
     raster.draw_triangles(places, depth, triangles, nearest, owner, bary)
     drawn = 0
     for row in range(height):
@@ -30,7 +31,7 @@ def test_depth_buffer_against_a_loop_over_pixels():
             assert owner[row, column] == which
             if which >= 0:
                 drawn += 1
-                assert bary[row, column] == pytest.approx(at, abs=1e-5)
+                assert bary[:, row, column] == pytest.approx(at, abs=1e-5)
                 assert nearest[row, column] == pytest.approx(best, abs=1e-5)
     assert drawn > 200
 

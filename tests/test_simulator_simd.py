@@ -87,3 +87,31 @@ def test_products_and_values_per_record_match_numpy(real):
     per_record = np.repeat(other[1:3], 4).astype(real)
     assert np.array_equal(out, plain)
     assert np.array_equal(out, wide + ((single * other).astype(real) + per_record))
+
+
+@njit
+def picked(records, starts, values, out):
+    a, b = simd.load(values, 0), simd.load(values, simd.lanes(values))
+    low = simd.square_root(simd.maximum(a, 0.0 * a))
+    simd.scatter(records, starts, 0, a, simd.maximum(a, b), low, simd.choose(b, a, -b))
+    simd.store(out, 0, simd.choose(a - b, b, a))
+
+
+@pytest.mark.parametrize("real", [np.float32, np.float64])
+def test_larger_chosen_and_written_lanes_match_numpy(real):
+    lanes = simd.LANES[np.dtype(real)]
+    rng = np.random.default_rng(3)
+    values = rng.standard_normal(2 * lanes).astype(real)
+    values[[0, lanes, lanes + 1]] = 0.0  # not above 0, and two no larger than each other
+    starts = (4 * rng.permutation(12)[:lanes]).astype(np.int32)
+    records, out = np.full((12, 4), 7, real), np.empty(lanes, real)
+    picked(records, starts, values, out)
+    a, b = values.reshape(2, lanes)
+    expected = np.full((12, 4), 7, real)
+    columns = a, np.maximum(a, b), np.sqrt(np.maximum(a, 0)), np.where(b > 0, a, -b)
+    expected[starts // 4] = np.stack(columns, axis=1)
+    assert np.array_equal(records, expected)
+    assert np.array_equal(out, np.minimum(a, b))
+    plain, plain_out = np.full((12, 4), 7, real), np.empty(lanes, real)
+    picked.py_func(plain, starts, values, plain_out)
+    assert np.array_equal(plain, expected) and np.array_equal(plain_out, out)

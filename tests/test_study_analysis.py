@@ -59,6 +59,8 @@ def test_groups_add_up(thesis):
     for grouping in ("action", "audio", "speed", "action and audio"):
         part = groups[groups["grouping"] == grouping]
         assert part["for_a"].sum() == 346 and part["for_b"].sum() == 230
+    by_audio = groups[groups["grouping"] == "audio"]
+    assert [str(one) for one in by_audio["audio"]] == ["0", "1"]  # not 0.0, beside the groupings without audio
     assert (groups["exact_low"] <= groups["share"]).all() and (groups["share"] <= groups["exact_high"]).all()
 
 

@@ -90,6 +90,16 @@ def test_speed_in_the_thesis_pairs_actions_and_leaves_out_the_unfinished():
     assert found.sticky.mean == pytest.approx(fast - slow)
 
 
+def test_where_everybody_sees_a_part_nobody_is_left_out_for_it():
+    table = study_of(lambda low, high, action, audio, at, left: 0.25 if audio else 0.75, actions=("m", "p", "b", "k"))
+    own = table["participant"].str[1:].astype(int) % 4
+    seen = table["action"].map({"m": 0, "p": 1, "b": 2, "k": 3})
+    parts = table[(seen != own) & ((seen != (own + 1) % 4) | (table["participant"] == "p0"))]
+    found = interaction(answers_from(parts), "audio", 0, 1, draws=999)
+    assert found.left_out == () and found.higher.participants_n == 15
+    assert found.higher.low < -0.5 < found.higher.high
+
+
 def test_a_factor_of_ones_own():
     table = study_of(lambda low, high, action, audio, at, left: 0.9 if audio else 0.4, audios=(0, 1))
     table["screen"] = table.pop("audio").map({0: "small", 1: "large"})

@@ -57,7 +57,11 @@ def test_gee_of_equal_sizes_is_the_mean_of_people():
     pytest.importorskip("statsmodels")
     y = simulate(Scenario(12, 10, 0.4, 0.6, 0), 1, np.random.default_rng(4))[0]
     found = gee(choices(y))
-    assert 1 / (1 + np.exp(-found.logit)) == pytest.approx(y.mean(), abs=1e-4)
+    share = 1 / (1 + np.exp(-found.logit))
+    assert share == pytest.approx(y.mean(), abs=1e-4)
+    # Mancl and DeRouen's correction divides each residual by 1 - 1/I
+    error = np.sqrt(((y.mean(1) - y.mean()) ** 2).sum()) / 11 / (share * (1 - share))
+    assert (found.high - found.logit) / 2.200985 == pytest.approx(error, rel=1e-3)
 
 
 def test_bad_answers_are_refused(monkeypatch):

@@ -91,6 +91,15 @@ def test_levels_that_are_words_stay_words(small):
     assert answers_from(small).levels == ("much", "none", "some")
 
 
+def test_the_order_of_levels_can_be_given(small):
+    answers = answers_from(small, levels=[10, 0, "4"])
+    assert answers.levels == (10, 0, 4) and answers.sticky() == ([0, 4], [10])
+    assert answers.where(participant="p2").levels_shown == [10, 0, 4]
+    assert answers.preference([0, 4], 10) == answers_from(small).preference([0, 4], 10)
+    with pytest.raises(InputError, match="each of the levels 0, 4, 10 once, the least first, got 0, 4"):
+        answers_from(small, levels=[0, 4])
+
+
 def test_attributes_come_from_a_table_of_videos(tmp_path, small):
     small.to_csv(tmp_path / "answers.csv", index=False)
     (tmp_path / "videos.csv").write_text("stimulus,action,level,audio\nm_0,hum,1,1\nm_4,hum,2,1\nm_10,hum,3,1\n")

@@ -10,6 +10,7 @@ import sys
 import textwrap
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -411,7 +412,7 @@ def test_large_bodies_are_refused(serving):
         pieces = iter([b" " * 1000] * 100)  # without a length, in pieces
         assert visitor.ask("POST", path, pieces, kinds)[0] == 413
         visitor.hang_up()
-        with socket.create_connection(("127.0.0.1", port)) as line:  # a length and nothing more
+        with socket.create_connection(("127.0.0.1", port), timeout=20) as line:  # a length and nothing more
             cookie = f"Cookie: study={visitor.cookie}"
             line.sendall(
                 f"POST {path} HTTP/1.1\r\nHost: a\r\n{cookie}\r\nContent-Type: {kind}\r\n"
@@ -425,10 +426,10 @@ def test_large_bodies_are_refused(serving):
 def test_no_http_at_all(serving):
     _, port = serving()
     for raw in (b"\x16\x03\x01\x02\x00", b"GET\r\n\r\n", b"POST /answer HTTP/1.1\r\nContent-Length: -5\r\n\r\n"):
-        with socket.create_connection(("127.0.0.1", port)) as line:
+        with socket.create_connection(("127.0.0.1", port), timeout=20) as line:
             line.sendall(raw)
             assert b" 400 " in line.recv(100)
-    with socket.create_connection(("127.0.0.1", port)) as line:  # leaves in the middle of a body
+    with socket.create_connection(("127.0.0.1", port), timeout=20) as line:  # leaves in the middle of a body
         line.sendall(b"POST /answer HTTP/1.1\r\nHost: a\r\nContent-Length: 50\r\n\r\n{")
     assert Visitor(port).begin().state()[1]["trial"] == 1
 
@@ -564,6 +565,15 @@ def test_killed_a_few_times(tmp_path):
 @pytest.mark.slow
 def test_killed_50_times(tmp_path):
     check_nothing_lost_or_doubled(*answer_through_kills(tmp_path, kills_n=50, people_n=40))
+
+
+@pytest.mark.slow
+def test_many_people_at_once(tmp_path):
+    """The crowd of benchmarks/study_load.py, a smaller one; it compares the database with what was sent."""
+    sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
+    import study_load
+
+    assert study_load.load(tmp_path / "study", people_n=40, trials_n=10)["answers"] == 400
 
 
 def test_the_design_in_the_folder_is_the_one_served(serving):

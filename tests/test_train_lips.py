@@ -22,8 +22,8 @@ UNSEEN = 10_000_000  # canvases from this number on are in no training set
 
 @pytest.fixture(scope="module")
 def coarse():
-    """A coarse forest from 108 tight and 108 wide canvases."""
-    return train.train_stage(replace(train.COARSE_STAGE, **TINY), train.coarse_example, scale=0.012)
+    """A coarse forest from 45 tight and 45 wide canvases."""
+    return train.train_stage(replace(train.COARSE_STAGE, **TINY), train.coarse_example, scale=0.005)
 
 
 def random_forest(rng, depth, maps=3, trees=5, outputs=2, reach=4):
