@@ -147,6 +147,8 @@ def regions_png(match: Alignment, regions: Sequence[Region], carried: Sequence[R
             for k, region in enumerate(parts):
                 shade = REGION_COLOURS.get(region.label, tuple(REGION_COLOURS.values())[k % 4])
                 panel.axvspan(region.start_s, region.end_s, color=shade, linewidth=0)
+                if region.end_s == region.start_s:
+                    continue  # a take that ends open has no closing
                 panel.text(
                     (region.start_s + region.end_s) / 2,
                     1.1 * top if k % 2 == 0 else 1.25 * top,

@@ -14,6 +14,7 @@ from lipmetrics.metrics import LOWER, METRICS, NONE, curves, movement, sticky
 from lipmetrics.take import CHANNELS, Take
 
 ZERO = "zero"
+AT_BAND = "at_band"  # not a metric: the share of the path at the edge of the band, where lag is a lower bound
 
 # said by another metric already: the size of the lag; heights and speeds as differences; ratios are not distances
 LEFT_OUT = ("lateness_v1", "peak_ratio_v1", "speed_ratio_v1")
@@ -25,7 +26,10 @@ GROUPS = {
     "sticky lips": (),
 }
 # what a row of a table in a paper has room for
-HEADLINES = ("l2_height_v1", "dtw_height_v1", "hausdorff_height_v1", "lag_v1", "warp_v1", "most_openings_v1")
+HEADLINES = (
+    *("l2_width_v1", "l2_height_v1", "dtw_width_v1", "dtw_height_v1", "hausdorff_width_v1", "hausdorff_height_v1"),
+    *("lag_v1", "warp_v1", "most_openings_v1"),
+)
 
 
 @dataclass(frozen=True)
@@ -90,7 +94,8 @@ def all_measures(
         return prepared[id(take)][1]
 
     def pair(real: Take, model: Take) -> Mapping[str, float]:
-        return curves.evaluate(even(real), even(model), cost=cost, band=band, mixed_units=mixed_units)
+        both = curves.validate(even(real), even(model), cost=cost, band=band, mixed_units=mixed_units)
+        return curves.evaluate(both) | {AT_BAND: both.alignment.at_band}
 
     def single(take: Take) -> Mapping[str, float]:
         found = movement.evaluate(take)

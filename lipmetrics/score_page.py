@@ -51,7 +51,7 @@ def write_score_page(score: Score, path: str | Path) -> None:
 {bullets(in_short(score))}
 {bullets(score.notes)}
 <h2>Scores in the floor</h2>
-{picture(floor_figure(score), "Scores of the models among the distances of real takes")}
+{_floor_figure(score)}
 <p class="note">{_floor_legend(score)}</p>
 {_reading(score)}
 <h2>All numbers</h2>
@@ -84,13 +84,20 @@ def in_short(score: Score) -> list[str]:
         found.append(f"{model}: {'; '.join(parts)}.")
         found += _late(score, model)
     for _, row in score.comparisons.iterrows():
-        if row["metric"] == headlines(score)[0].name:
+        if row["metric"] in [measure.name for measure in headlines(score)[:2]]:
             found.append(_verdict(row))
     return found
 
 
-def floor_figure(score: Score) -> bytes:
-    """Each metric's floor and the models' scores over the floor's median, as a PNG."""
+def _floor_figure(score: Score) -> str:
+    rows = floor_rows(score)
+    axis = "distance over the median of the floor (1 is a typical real take)"
+    what = "Scores of the models among the distances of real takes"
+    return picture(floors_png(rows, list(score.models), axis), what) if rows else ""
+
+
+def floor_rows(score: Score) -> list[FloorRow]:
+    """Each metric's floor and the models' scores over the floor's median; metrics without such are left out."""
     rows = []
     kind = score.primary
     for measure in score.measures:
@@ -107,7 +114,7 @@ def floor_figure(score: Score) -> bytes:
             scores[model] = tuple(row[f"ratio_{kind}{end}"] for end in ("", "_low", "_high"))
         if ratios and any(math.isfinite(one[0]) for one in scores.values()):
             rows.append(FloorRow(label_of(measure.name), np.concatenate(ratios), scores))
-    return floors_png(rows, list(score.models), "distance over the median of the floor (1 is a typical real take)")
+    return rows
 
 
 # -- words ------------------------------------------------------------------------------------------------------------
@@ -145,7 +152,7 @@ def _verdict(row) -> str:
     nearer = row["first"] if row["difference"] < 0 else row["second"]
     if row["better"] == HIGHER:
         nearer = row["second"] if nearer == row["first"] else row["first"]
-    items = f"{row['items_n']} {'clips' if row['item'] == 'clip' else 'utterances'}"
+    items = _plural(row["items_n"], row["item"])
     sure = "the difference is more than chance" if row["p"] < 0.05 else "the difference could be chance"
     text = f"In {label_of(row['metric'])} {nearer} is nearer by {number(abs(row['difference']))} on {items}"
     text += f" ({number(row['low'])} to {number(row['high'])})" if math.isfinite(row["low"]) else ""

@@ -23,12 +23,13 @@ from lipmetrics.compare import BAND, COST
 from lipmetrics.errors import InputError
 from lipmetrics.intervals import DRAWS, FEWEST_CLUSTERS, LEVEL, cluster_counts, compare_paired, holm
 from lipmetrics.labels import Labels, labels_of_name
-from lipmetrics.measuring import ZERO, Measure, Measuring, all_measures
+from lipmetrics.measuring import AT_BAND, ZERO, Measure, Measuring, all_measures
 from lipmetrics.metrics import HIGHER
 from lipmetrics.take import CHANNELS, Take, same_unit
 
 ANY_UTTERANCE = "all takes"
 FEWEST_SPEAKERS = 5  # of a model: with fewer, models are compared by utterance
+MOST_AT_BAND = 0.1  # share of the paths at the edge of the band that is not mentioned
 MOST_AT_ONCE = 4_000_000  # elements of the largest array of a bootstrap
 
 
@@ -287,6 +288,7 @@ class _Scoring:
         self.clips_of = {
             (m, u): [one for one in takes if one.utterance == u] for m, takes in self.models.items() for u in self.real
         }
+        self.at_bands: dict[str, list[float]] = {m: [] for m in self.models}
         pairs = sum(len(takes) * len(self.real[u]) for (_, u), takes in self.clips_of.items())
         pairs += sum(len(takes) * (len(takes) - 1) // 2 for takes in self.real.values())
         done = 0
@@ -305,6 +307,7 @@ class _Scoring:
                 for i, clip in enumerate(clips):
                     for j, one in enumerate(real):
                         values[i, j] = self._pair(one, clip)
+                        self.at_bands[m].append(self.at_band)
                         done += 1
                         self.progress(done, pairs)
                 self.to_real[m, u] = values
@@ -316,6 +319,7 @@ class _Scoring:
         except InputError as error:
             self.failed[f"{real.path or real.take.name} with {other.path or other.take.name}"] = str(error)
             found = {}
+        self.at_band = float(found.get(AT_BAND, 0.0))  # of the pair just aligned
         out = np.full(len(self.measuring.measures), np.nan)
         single = [k for k, measure in enumerate(self.measuring.measures) if not measure.of_pair]
         out[single] = self.values[id(other)] - self.values[id(real)]
@@ -552,9 +556,10 @@ class _Scoring:
                 "No utterances are known, so all takes count as one utterance; --names or --list tells which is which."
             )
         if not self.speakers_known:
+            floor = "the floor is of takes against takes and " if kinds else ""
             self.notes.append(
-                "Not every speaker is known, so the floor is of takes against takes and intervals draw single takes: "
-                "with several takes of one speaker both are too narrow."
+                f"Not every speaker is known, so {floor}intervals draw single takes: with several takes of one speaker "
+                f"{'both are' if kinds else 'they are'} too narrow."
             )
         elif self.speakers_n == 1:
             self.notes.append(
@@ -580,6 +585,13 @@ class _Scoring:
                     f"An utterance has at most {max(sizes)} real takes: percentiles are in steps of {step}."
                 )
                 break
+        for model, shares in self.at_bands.items():
+            if np.mean(shares) > MOST_AT_BAND:
+                share = f"{100 * np.mean(shares):.0f} % of the paths"
+                self.notes.append(
+                    f"{model}: {share} is at the edge of the band, so its lag is a lower bound; a wider --band shows "
+                    "how late or early it is."
+                )
         if self.settings.allow_mixed_units:
             self.notes.append("Mixed units were allowed: lengths are compared as if they were in one unit.")
 

@@ -38,7 +38,7 @@ PRECISIONS = ("float32", "mixed", "float64")
 RESOLUTIONS = ("low", "medium", "high")
 EXPORTS = ("obj", "pc2", "gltf", "vtu")
 MODELS_ONLY = ("vtu", "velocity")
-SCENES_ONLY = ("stickiness", "resolution", "truth_only", "frame_rate", "size", "seed", "export")
+SCENES_ONLY = ("stickiness", "face", "resolution", "truth_only", "frame_rate", "size", "seed", "export")
 
 
 def main(argv: list[str] | None = None, prog: str = "python -m simulator.cli") -> int:
@@ -158,20 +158,21 @@ def _jobs(arguments: argparse.Namespace) -> tuple[list[_Job], list[dict]]:
 
 
 def _scene_jobs(source: str, arguments: argparse.Namespace) -> list[_Job]:
-    """A scene at each level that is asked for."""
+    """A scene with each face and at each level that is asked for."""
     from simulator.scene import load_scene
 
     scene = _with_choices(load_scene(source), arguments)
     folder = Path(scene.name if arguments.out is None else arguments.out)
-    if arguments.stickiness is None:
-        return [_Job(source, folder, scene.name, scene)]
     try:
-        return [
-            _Job(source, folder, f"{scene.name}_{level:g}", scene.with_stickiness(level))
-            for level in arguments.stickiness
-        ]
+        scenes = [(scene.name, scene)]
+        if arguments.face is not None:
+            scenes = [(f"{face.replace('_', '-')}_{scene.name}", scene.with_face(face)) for face in arguments.face]
+        if arguments.stickiness is not None:
+            levels = arguments.stickiness
+            scenes = [(f"{stem}_{level:g}", one.with_stickiness(level)) for stem, one in scenes for level in levels]
     except InputError as error:
         raise InputError(f"{source}: {error}") from None
+    return [_Job(source, folder, stem, one) for stem, one in scenes]
 
 
 def _with_choices(scene: Scene, arguments: argparse.Namespace) -> Scene:
@@ -462,6 +463,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="L[,L]",
         help="level from 0 to 10 in place of the scene's; a clip for each",
     )
+    scenes.add_argument(
+        "--face",
+        type=_names,
+        metavar="NAME[,NAME]",
+        help="built-in face in place of the scene's; a clip for each, named after it",
+    )
     scenes.add_argument("--resolution", choices=RESOLUTIONS, help="mesh; default: the scene's")
     scenes.add_argument("--truth-only", action="store_true", help="make the tables of the truth and no pictures")
     scenes.add_argument("--frame-rate", type=_above_zero, metavar="N", help="pictures per second; default: the scene's")
@@ -508,6 +515,10 @@ def _above_zero(text: str) -> float:
     if not 0 < value < math.inf:
         raise argparse.ArgumentTypeError(f"expected a number above 0, got '{text}'")
     return value
+
+
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(part.strip() for part in text.split(",")))
 
 
 def _levels(text: str) -> tuple[float, ...]:

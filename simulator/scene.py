@@ -441,6 +441,20 @@ class Scene:
         )
         return dataclasses.replace(self, saliva=dataclasses.replace(self.saliva, stickiness=level, patch=patches))
 
+    def with_face(self, preset: str) -> Scene:
+        """The same scene with a built-in face; lengths that the scene gives the mouth of its own are left out.
+
+        Raises
+        ------
+        InputError : unknown face, or a scene whose face is a file
+        """
+        if self.face.obj is not None:
+            raise InputError(
+                f"expected a scene with a built-in face to bring '{preset}' into, got one with {self.face.obj}"
+            )
+        face(preset)
+        return dataclasses.replace(self, face=Face(preset=preset, resolution=self.face.resolution))
+
     def spelled_out(self) -> Scene:
         """The same scene with everything given that a preset or what is usual stands for.
 

@@ -80,7 +80,7 @@ def page_of(path):
 def test_a_folder_is_scored_against_a_folder(run, folder, drawn):
     code, out, err = run("score", "near", "--reference", "real", *NAMES, "-o", "out", "--draws", 50)
     assert (code, err) == (0, "")
-    assert "near: L2 height" in out and "percentile" in out
+    assert "near: L2 width" in out and "percentile" in out
     record = json.loads((folder / "out/score.json").read_text())
     row = next(r for r in record["overall"] if r["metric"] == "l2_height_v1")
     assert (row["clips_n"], row["utterances_n"], row["pairs_n"], row["known_n"]) == (2, 2, 12, 12)

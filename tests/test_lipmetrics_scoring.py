@@ -2,6 +2,7 @@ import math
 
 import numpy as np
 import pytest
+from moving_takes import moving_take
 
 from lipmetrics.errors import InputError
 from lipmetrics.labels import Labels
@@ -200,7 +201,8 @@ def test_a_bad_take_is_passed_over_and_named():
 
 def test_the_same_seed_gives_the_same_numbers_and_another_does_not():
     clips = [labelled("x_mm_1", 3.0), labelled("y_mm_1", 5.0)]
-    first, again, other = (scored(clips, seed=seed) for seed in (1, 1, 2))
+    real = [labelled(f"s{k}_mm_1", k**1.5) for k in range(15)]
+    first, again, other = (scored(clips, real, seed=seed) for seed in (1, 1, 2))
     assert first.overall.equals(again.overall)
     assert not first.overall.equals(other.overall)
     assert not first.clips.equals(other.clips)  # these depend on the real speakers that are drawn, and on no others
@@ -231,3 +233,12 @@ def test_bad_input(models, references, sentence):
 
 def test_mixed_units_by_request():
     assert any("Mixed units" in n for n in scored([labelled("x_mm_1", 1, "px")], allow_mixed_units=True).notes)
+
+
+def test_lag_that_the_band_holds_back_is_told_of():
+    real = [moving_take(name) for name in "pq"]
+    late = score([moving_take(late_s=0.3)], real, settings=Settings(draws=20))
+    assert any("edge of the band" in note for note in late.notes)
+    free = score([moving_take(late_s=0.3)], real, settings=Settings(draws=20, band=None))
+    assert not any("edge of the band" in note for note in free.notes)
+    assert row(free.clips, metric="lag_v1")["bias"] > 0.2 > row(late.clips, metric="lag_v1")["bias"]

@@ -324,6 +324,16 @@ def test_choices_reach_the_scene_and_every_level_has_its_clip(simulate, scene, t
     assert again == 0 and first == second
 
 
+def test_every_face_at_every_level_has_its_clip(simulate, scene, tmp_path):
+    words = ("--face", "thin_lips,child", "--stickiness", "0,7", "--frame-rate", "50", "--truth-only", "--json")
+    code, out, _ = simulate(scene, "-o", tmp_path / "out", *words)
+    names = [one["name"] for one in json.loads(out)["clips"]]
+    assert code == 0
+    assert names == ["thin-lips_blink_0", "thin-lips_blink_7", "child_blink_0", "child_blink_7"]
+    face = load_scene(tmp_path / "out" / "child_blink_0.scene.toml").face
+    assert (face.preset, face.resolution) == ("child", "low")
+
+
 def test_scenes_among_models_and_bad_ones(simulate, scene, model, tmp_path):
     (tmp_path / "bad.toml").write_text("duration = 1")
     code, out, err = simulate("bad.toml", scene, model, "--threads", "1", "-o", tmp_path / "out", "--truth-only")
@@ -361,6 +371,7 @@ def test_the_built_in_scenes_are_listed_and_printed(simulate, tmp_path):
         (["slow_opne"], "got 'slow_opne'; did you mean 'slow_open'?"),
         (["--print", "slow_opne"], "expected a built-in scene of demo, double_opening, "),
         (["none.toml"], "none.toml: No such file"),
+        (["m", "--face", "wyde"], "m: expected a face of"),
         (["m", "--stickiness", "x"], "expected levels from 0 to 10 such as 7 or 0,4,7,10, got 'x'"),
         (["m", "--stickiness", "-3"], "expected"),
         (["m", "--stickiness", "1e9"], "m: expected a stickiness from 0 to 10"),
