@@ -2,6 +2,9 @@
 
 Pictures are taken at key frames, which are read without those before them. Only a short clip with a single key frame
 is decoded up to its middle.
+
+A head turned to the side is told from a frontal face that is not seen and a profile that is (cascades of
+OpenCV), which happens from about 40 degrees on. Smaller angles are not seen.
 """
 
 from __future__ import annotations
@@ -10,11 +13,12 @@ import math
 from dataclasses import dataclass, fields
 
 import av
+import cv2
 import numpy as np
 
 from corpus_tools.clips import Clip
 from lipmetrics.errors import InputError
-from lipmetrics.find import faces
+from lipmetrics.find import FACE_SIDE, faces
 from lipmetrics.frames import _is_cut_off as is_cut_off
 from lipmetrics.frames import _video as opened_video
 from lipmetrics.frames import open_frames
@@ -40,7 +44,7 @@ class Facts:
     longest_step : from one picture to the next, in median steps: 2 where one is left out
     has_sound : whether there is sound
     damage : what is damaged or cut off; empty if nothing is seen to be
-    looked_n, mouths_n : pictures looked at, and those of them with a mouth
+    looked_n, mouths_n, sides_n : pictures looked at, those with a mouth, and those with a face seen from the side only
     brightness : mean grey level around the mouth, or of the picture without a mouth, 0 to 255
     clipped : share of the pixels there that are as dark or as bright as can be, in the worst picture
     mouth_width_px : between the corners, median
@@ -60,6 +64,7 @@ class Facts:
     damage: str
     looked_n: int
     mouths_n: int
+    sides_n: int
     brightness: float
     clipped: float
     mouth_width_px: float
@@ -104,6 +109,7 @@ def clip_facts(clip: Clip) -> Facts:
         damage=damage,
         looked_n=len(seen),
         mouths_n=sum(one.has_mouth for one in seen),
+        sides_n=sum(one.from_side for one in seen),
         brightness=float(np.mean([one.brightness for one in seen])),
         clipped=max(one.clipped for one in seen),
         mouth_width_px=_middle([one.mouth_width_px for one in seen]),
@@ -171,6 +177,7 @@ def _picture_at(clip: Clip, time_s: float) -> np.ndarray:
 @dataclass(frozen=True)
 class _Seen:
     has_mouth: bool
+    from_side: bool
     brightness: float
     clipped: float
     mouth_width_px: float = math.nan
@@ -182,9 +189,10 @@ class _Seen:
 def _seen(picture: np.ndarray) -> _Seen:
     """Light and framing in one (H, W, 3) uint8 RGB picture."""
     height, width = picture.shape[:2]
-    look = look_at(picture)
+    look, found = look_at(picture), faces(_Whole(picture))
+    from_side = not found and _has_profile(picture)
     if look.status == NO_MOUTH or not np.isfinite(look.corners).all():
-        return _Seen(False, *_light(picture))
+        return _Seen(False, from_side, *_light(picture))
     (row0, col0), (row1, col1) = look.corners.tolist()
     across = look.lip_width_px
     row, col = (row0 + row1) / 2, (col0 + col1) / 2
@@ -193,10 +201,11 @@ def _seen(picture: np.ndarray) -> _Seen:
     margin_px = min(col0, width - 1 - col1, row - 0.2 * across, height - 1 - row - 0.2 * across)
     return _Seen(
         True,
+        from_side,
         *_light(around if around.size else picture),
         mouth_width_px=across,
         tilt_deg=math.degrees(math.atan2(row1 - row0, col1 - col0)),
-        off_middle=_off_middle(picture, row, col),
+        off_middle=_off_middle(found, row, col),
         margin_mw=margin_px / across,
     )
 
@@ -219,9 +228,19 @@ class _Whole:
         return self._picture
 
 
-def _off_middle(picture: np.ndarray, row: float, col: float) -> float:
+def _has_profile(picture: np.ndarray) -> bool:
+    """Whether a face is seen from its left or its right."""
+    shrink = max(1.0, max(picture.shape[:2]) / FACE_SIDE)
+    grey = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
+    grey = cv2.equalizeHist(cv2.resize(grey, None, fx=1 / shrink, fy=1 / shrink, interpolation=cv2.INTER_AREA))
+    cascade = cv2.CascadeClassifier(cv2.data.haarcascades + "haarcascade_profileface.xml")
+    ways = (grey, np.ascontiguousarray(grey[:, ::-1]))  # the cascade knows one side only
+    return any(len(cascade.detectMultiScale(way, scaleFactor=1.1, minNeighbors=5, minSize=(60, 60))) for way in ways)
+
+
+def _off_middle(found: list, row: float, col: float) -> float:
     """How far the mouth is from the middle of the face that it is in, face widths; NaN where no face is seen."""
-    for left, top, width, height in faces(_Whole(picture)):
+    for left, top, width, height in found:
         if left < col < left + width and top + 0.5 * height < row < top + 1.1 * height:
             return (col - left) / width - 0.5
     return math.nan

@@ -59,7 +59,7 @@ class Limits:
     dark: float = 40.0
     bright: float = 225.0
     clipped: float = 0.2
-    mouth_width_px: float = 40.0
+    mouth_width_px: float = 30.0
     tilt_deg: float = 20.0
     off_middle: float = 0.12
     margin_mw: float = 0.05
@@ -154,6 +154,8 @@ def check(facts: Facts, limits: Limits, usual_fps: float, clip_s: float | None) 
         found.append(("light", f"too bright, grey level {facts.brightness:.0f} of 255"))
     if facts.clipped > limits.clipped:
         found.append(("light", f"{100 * facts.clipped:.0f} % of the pixels are black or white"))
+    if 2 * facts.sides_n > facts.looked_n:
+        found.append(("turned", "the face is seen from the side"))
     if not facts.mouths_n:
         found.append(("no mouth", f"none in {facts.looked_n} pictures looked at"))
         return found
@@ -247,7 +249,7 @@ def _write(rows: list[dict], out: Path) -> None:
     for name in last:
         if table[name].dtype == float:
             table[name] = table[name].round(4)
-        elif name in ("width_px", "height_px", "frames_n", "looked_n", "mouths_n"):
+        elif name in ("width_px", "height_px", "frames_n", "looked_n", "mouths_n", "sides_n"):
             table[name] = table[name].astype("Int64")
     with whole_file(out) as file:
         table.to_csv(file, index=False, lineterminator="\n")
