@@ -61,7 +61,7 @@ class Limits:
     clipped: float = 0.2
     mouth_width_px: float = 30.0
     tilt_deg: float = 20.0
-    off_middle: float = 0.12
+    off_middle: float = 0.15
     margin_mw: float = 0.05
 
 
