@@ -87,7 +87,7 @@ def work(function: str, jobs: Sequence[tuple[Hashable, tuple]], processes_n: int
                             ) from None
                     given_up = lost[job[0]] >= ATTEMPTS_N
                     if not given_up:
-                        waiting.appendleft(job)
+                        waiting.append(job)
                     workers[i] = _Worker(function)
                     workers[i].take(waiting)
                     if given_up:
