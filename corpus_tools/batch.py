@@ -96,7 +96,7 @@ def run(
         )
         stack.enter_context(closing(outcomes))  # ends the workers, whatever happens here
         tried = set()
-        for outcome in _with_progress(outcomes, len(jobs_todo), progress):
+        for outcome in _with_progress(outcomes, len(jobs_todo), progress and bool(jobs_todo)):
             if isinstance(outcome.value, str):
                 raise InputError(outcome.value)
             clip = by_name[outcome.key]
