@@ -47,6 +47,10 @@ def main(argv: list[str] | None = None) -> int:
         from simulator.viewer import main as view
 
         return view(words[1:], prog="lipmetrics view")
+    if words[:1] == ["corpus"]:
+        from corpus_tools.cli import main as corpus
+
+        return corpus(words[1:], prog="lipmetrics corpus")
     if words[:1] == ["study"]:
         from study.cli import main as study
 
@@ -277,6 +281,7 @@ def _parser() -> argparse.ArgumentParser:
     add_comparison_verbs(verbs)
     verbs.add_parser("simulate", help="ground-truth clips of sticky mouths from scenes", add_help=False)
     verbs.add_parser("view", help="replay a simulated clip in the browser", add_help=False)
+    verbs.add_parser("corpus", help="record, cut, check, measure and average a corpus of clips", add_help=False)
     verbs.add_parser("study", help="design, run and analyse a study that compares videos in pairs", add_help=False)
     return parser
 
