@@ -34,9 +34,7 @@ class Piece:
     stop_s: float
 
 
-def read_cuts(
-    path: str | Path, protocol: Protocol, *, speaker: str | None = None, mark_s: float = 0.0
-) -> list[Piece]:
+def read_cuts(path: str | Path, protocol: Protocol, *, speaker: str | None = None, mark_s: float = 0.0) -> list[Piece]:
     """Read a cut list, or the log of the prompt page.
 
     Parameters
@@ -104,7 +102,9 @@ def check(pieces: Sequence[Piece], where: str) -> list[Piece]:
             )
     name, count = Counter(one.name for one in pieces).most_common(1)[0]
     if count > 1:
-        raise InputError(f"expected names that are there once, got {name} {count} times in {where}; repeats need a number")
+        raise InputError(
+            f"expected names that are there once, got {name} {count} times in {where}; repeats need a number"
+        )
     ordered = sorted(pieces, key=lambda one: one.start_s)
     for before, after in pairwise(ordered):
         if after.start_s < before.stop_s - 1e-6:
