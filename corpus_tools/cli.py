@@ -82,7 +82,7 @@ def run_protocol(arguments: argparse.Namespace) -> dict:
 
 
 def run_segment(arguments: argparse.Namespace) -> dict:
-    """`corpus segment`: calls `corpus_tools.segment.segment`; without --cuts it is to propose them."""
+    """`corpus segment`: calls `corpus_tools.segment.segment`, which proposes cuts where there is no list."""
     from corpus_tools.protocol import load_protocol
 
     segment = _function("segment", "segment")
@@ -95,6 +95,7 @@ def run_segment(arguments: argparse.Namespace) -> dict:
         speaker=arguments.speaker,
         mark_s=arguments.mark,
         overwrite=arguments.overwrite,
+        lossless=arguments.lossless,
         progress=sys.stderr.isatty(),
     )
 
@@ -244,13 +245,14 @@ def _add_segment(verbs, prog: str) -> None:
     )
     verb.add_argument("take", metavar="VIDEO", help="the long take")
     verb.add_argument("-o", "--out", required=True, metavar="DIR", help="folder for the clips, made if needed")
-    verb.add_argument("--cuts", metavar="CSV", help="start_s, stop_s and the fields of the names; without it: proposed")
+    what = verb.add_mutually_exclusive_group()
+    what.add_argument("--cuts", metavar="CSV", help="start_s, stop_s and the fields of the names, or the page's log")
+    what.add_argument("--propose", action="store_true", help="only write a cut list to check; so it is without --cuts")
     verb.add_argument("--protocol", metavar="TOML", help="names and lengths of the clips, if not the built-in protocol")
     verb.add_argument("--speaker", metavar="NAME", help="whose take it is, where the cuts are proposed")
-    verb.add_argument(
-        "--mark", type=_from_zero, default=0.0, metavar="S", help="time of the page's mark in the take, s"
-    )
+    verb.add_argument("--mark", type=_from_zero, metavar="S", help="time of the page's mark in the take, s")
     verb.add_argument("--overwrite", action="store_true", help="replace clips that are there")
+    verb.add_argument("--lossless", action="store_true", help="keep the very pixels where a clip is encoded anew: huge")
 
 
 def _add_index(verbs, prog: str) -> None:

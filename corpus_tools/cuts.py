@@ -102,9 +102,7 @@ def check(pieces: Sequence[Piece], where: str) -> list[Piece]:
             )
     name, count = Counter(one.name for one in pieces).most_common(1)[0]
     if count > 1:
-        raise InputError(
-            f"expected names that are there once, got {name} {count} times in {where}; repeats need a number"
-        )
+        raise InputError(f"expected each name once, got {name} {count} times in {where}; number the repeats")
     ordered = sorted(pieces, key=lambda one: one.start_s)
     for before, after in pairwise(ordered):
         if after.start_s < before.stop_s - 1e-6:

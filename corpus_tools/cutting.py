@@ -15,7 +15,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from itertools import groupby, pairwise
+from itertools import groupby
 from pathlib import Path
 
 import av
@@ -25,7 +25,6 @@ from av.video.frame import PictureType
 from corpus_tools.cuts import Piece
 from corpus_tools.long_take import LongTake, opened, pictures
 from lipmetrics.atomic import whole_file
-from lipmetrics.endings import VIDEO_ENDINGS
 from lipmetrics.errors import InputError
 from lipmetrics.frames import open_frames
 
@@ -37,7 +36,6 @@ COPIED_SOUNDS = ("aac", "mp3", "mp3float", "ac3", "alac", "flac", "opus", "vorbi
 AAC_RATES = (8_000, 11_025, 12_000, 16_000, 22_050, 24_000, 32_000, 44_100, 48_000)
 _FORMATS = {".mp4": "mp4", ".mov": "mov", ".mkv": "matroska"}
 _KEY_EVERY_S = 0.5  # key pictures of encoded clips: to and fro in a player
-_TURNED = 90
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from lipmetrics.atomic import whole_file
 TOLERANCE_S = 1.0  # between the protocol's times and movements, after the best shift
 REACTION_S = (-0.5, 3.0)  # after a prompt, where the mark's time is known
 LEAST_SHARE, LEAST_N = 0.6, 3  # of the planned prompts that a movement answers, for the plan to be believed
-SEEN_ALL, NOT_SEEN = "", "nothing seen; by the plan"
+NOT_SEEN = "nothing seen; by the plan"
 ROW_S = 60.0  # of the figure
 
 

@@ -151,7 +151,7 @@ def _propose(
     unsure, others_n = sum(bool(one.note) for one in proposal.cuts), len(proposal.others)
     return {
         "text": [
-            f"{len(proposal.cuts)} cuts proposed, {unsure} with a note, {len(proposal.others)} other movements left out",
+            f"{len(proposal.cuts)} cuts proposed, {unsure} with a note; {others_n} other movements left out",
             f"  {named}",
             f"  looked at {where}" + (" and listened" if len(activity.loudness_db) else ""),
             *map(str, (table, figure, sheet)),
