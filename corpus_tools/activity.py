@@ -98,7 +98,7 @@ def find_events(activity: Activity) -> list[Event]:
     deviations, and counts where it later leaves it by eight, and by a seventh of the take's strong movements.
     """
     step_s = float(np.median(np.diff(activity.time_s)))
-    moved = _smooth(activity.movement, SMOOTH_S / step_s)
+    moved = _smooth(_without_flashes(activity.movement), SMOOTH_S / step_s)
     rest, deviation = _rest(moved)
     strong = float(np.quantile(moved, 0.98)) - rest
     high = rest + max(8 * deviation, 0.15 * strong, LEAST_MOVEMENT)
@@ -197,6 +197,12 @@ def _add_power(sums: array, counts: array, at: int, samples: np.ndarray, window_
             counts.append(0)
         sums[k] += power
         counts[k] += int(n)
+
+
+def _without_flashes(values: np.ndarray) -> np.ndarray:
+    """Medians of five: a single picture that differs, such as a key picture of another quality, is no movement."""
+    padded = np.pad(values, 2, mode="edge")
+    return np.median(np.lib.stride_tricks.sliding_window_view(padded, 5), axis=1)
 
 
 def _smooth(values: np.ndarray, width: float) -> np.ndarray:

@@ -50,6 +50,7 @@ MAX_FPS = 100_000.0
 _FALLBACK_STEP_S = 1 / 25
 _CLOCK_RESTART_S = 1.0
 _MAX_READ_ERRORS = 100
+decoder_threads_n = 0  # 0: one for every core; a process that works beside others sets it to 1
 
 # Only here do the packets alone tell the index of a picture: every packet is one shown picture with its own stamp.
 _JUMPABLE_CONTAINERS = ("mov,mp4,m4a,3gp,3g2,mj2", "matroska,webm")
@@ -352,6 +353,7 @@ def open_video(path: Path) -> Iterator[tuple[av.container.InputContainer, av.Vid
             raise InputError(f"expected a video, but {path} holds {what}; give the recording with its picture")
         stream = max(streams, key=lambda s: (bool(s.disposition & Disposition.default), s.width * s.height))
         _check_size(path, stream.width, stream.height)
+        stream.codec_context.thread_count = decoder_threads_n
         yield container, stream
 
 

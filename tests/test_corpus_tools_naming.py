@@ -120,8 +120,9 @@ def test_values_of_arrays_and_numbers():
     for bad in (np.nan, np.inf, -1.0, "1", True):
         with pytest.raises(InputError, match="expected a as a number"):
             Template("x{a:number}").format(a=bad)
-    with pytest.raises(InputError, match="expected level as 0, 4, 7 or 10, got 5"):
-        template.format(level=5, a=1, b=1)
+    for bad in (5, False, 7.0, "7", None):
+        with pytest.raises(InputError, match=f"expected (level as 0, 4, 7 or 10, got {bad!r}|a value for level)"):
+            template.format(level=bad, a=1, b=1)
 
 
 # -- ten thousand names ------------------------------------------------------------------------------------------------

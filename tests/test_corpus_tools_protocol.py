@@ -259,7 +259,8 @@ def test_a_whole_session(tmp_path, short):
 def test_pause_repeat_start_over_and_skip(tmp_path, short):
     steps = (
         START
-        + 'later(4, () => press(" ")); later(4.5, () => look("paused")); later(9, () => at("keys").firstElementChild.click());'  # 5 s later
+        + 'later(4, () => press(" ")); later(4.5, () => look("paused"));'
+        + 'later(9, () => at("keys").firstElementChild.click());'  # 5 s later
         + 'later(13, () => press("r")); later(13.5, () => { press("r"); look("again"); });'  # the 2nd, at 12, once more
         + 'later(21, () => press("R")); later(22, () => look("back"));'  # in the lick after it: once more again
         # lick at 29; puppy at 31, licked for once more at 32, so at 34 again; then left at 35

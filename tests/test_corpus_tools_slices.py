@@ -129,6 +129,9 @@ def test_phones_of_lombard_grid(tmp_path):
         ("ey", 0.6, pytest.approx(0.8)),
     ]
     assert [one.text for one in found if one.tier == "phones"] == ["b", "ih", "n", "ey"]
+    broken = [{"phone": f"{one}_B", "offset": i, "duration": 1} for i, one in enumerate("xy")]  # a word without an end
+    broken += [{"phone": "z_E", "offset": 2, "duration": 1}]
+    assert read_slices(write(tmp_path, "c.json", json.dumps({"x": broken})))[1] == Slice("y-z", 1, 3, "words")
     plain = [{"phone": "b", "offset": 0.1, "duration": 0.1}]
     assert read_slices(write(tmp_path, "b.json", json.dumps({"x": plain}))) == (Slice("b", 0.1, 0.2, "phones"),)
 
