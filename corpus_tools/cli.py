@@ -138,8 +138,19 @@ def run_average(arguments: argparse.Namespace) -> dict:
     write_report = _function("report", "write_report")
     prepare(Path(arguments.out))
     return write_report(
-        arguments.store, arguments.out, by=arguments.by, parquet=arguments.parquet, progress=sys.stderr.isatty()
+        arguments.store,
+        arguments.out,
+        by=arguments.by,
+        template=_template(arguments) if Path(arguments.store).is_dir() else None,
+        parquet=arguments.parquet,
+        progress=sys.stderr.isatty(),
     )
+
+
+def _template(arguments: argparse.Namespace):
+    from corpus_tools.naming import Template
+
+    return _protocol(arguments).template if arguments.template is None else Template(arguments.template)
 
 
 def _reading(arguments: argparse.Namespace) -> Reading:
@@ -291,9 +302,13 @@ def _add_average(verbs, prog: str) -> None:
         "average profiles of a store with their spread, as a report with tables",
         f"{prog} average corpus.h5 -o report",
     )
-    verb.add_argument("store", metavar="STORE.h5", help="from 'corpus run'")
+    verb.add_argument("store", metavar="STORE.h5", help="from 'corpus run'; or a folder of profiles")
     verb.add_argument("-o", "--out", required=True, metavar="DIR", help="folder for the report and the tables")
-    verb.add_argument("--by", nargs="+", metavar="FIELD", help="average over clips that agree in these fields")
+    verb.add_argument(
+        "--by", nargs="+", metavar="FIELD", help="average clips that agree in these; the last one is drawn as levels"
+    )
+    verb.add_argument("--template", metavar="TEXT", help="names of the profiles of a folder")
+    verb.add_argument("--protocol", metavar="TOML", help="whose template it is, if not the built-in protocol's")
     verb.add_argument("--parquet", action="store_true", help="tables as Parquet too (needs the extra)")
 
 

@@ -231,7 +231,11 @@ def test_same_take_same_bytes(tmp_path):
         (CUTS, "0,1,p,,\n", "line 2 of .*: expected a value for utterance, got none"),
         (CUTS, "0,1,p,m\n", "expected 5 cells in row 2 of .*, got 4"),
         (CUTS, "", "expected a cut list with a cut or more, got .* with its head alone"),
-        ("start_s,speaker,uterance,repeat\n", "0,p,m,1\n", "expected a column utterance in .*, got 'uterance'; did you"),
+        (
+            "start_s,speaker,uterance,repeat\n",
+            "0,p,m,1\n",
+            "expected a column utterance in .*, got 'uterance'; did you",
+        ),
         ("start_s,utterance,repeat\n", "0,m,1\n", "expected a column speaker in .*, got none; or give --speaker"),
         ("begin,name\n", "0,a\n", "expected a column start_s in"),
         ("start_s,name\n", "0,../a\n", "expected the name of a clip at line 2 of .*, without its ending, got '../a'"),
@@ -270,7 +274,9 @@ def test_clips_that_are_there_stay(tmp_path, capsys):
     assert main([*words, "--overwrite"]) == 0
     assert len(read(tmp_path / "clips/p_m_2.mp4")[0]) == 25
     with pytest.raises(InputError, match="which is the take; choose another -o"):
-        segment(take, tmp_path, cuts=_list(tmp_path, "start_s,stop_s,name\n0,1,take\n"), protocol=PROTOCOL, overwrite=True)
+        segment(
+            take, tmp_path, cuts=_list(tmp_path, "start_s,stop_s,name\n0,1,take\n"), protocol=PROTOCOL, overwrite=True
+        )
 
 
 def _list(tmp_path, text):
