@@ -194,7 +194,7 @@ def summary_table(groups: Sequence[Group]) -> pd.DataFrame:
             per_speaker = [table[name].dropna().to_numpy() for table in values.values()]
             row |= dict(zip((name, f"{name}_between", f"{name}_within"), _two_spreads(per_speaker), strict=True))
         rows.append(row)
-    return pd.DataFrame(rows)
+    return _typed(pd.DataFrame(rows), groups)
 
 
 def speakers_table(groups: Sequence[Group]) -> pd.DataFrame:
@@ -207,7 +207,7 @@ def speakers_table(groups: Sequence[Group]) -> pd.DataFrame:
             for name in MEASURES:
                 row |= {name: table[name].mean(), f"{name}_within": table[name].std(ddof=1)}
             rows.append(row)
-    return pd.DataFrame(rows)
+    return _typed(pd.DataFrame(rows), groups)
 
 
 def curves_table(groups: Sequence[Group]) -> pd.DataFrame:
@@ -220,7 +220,7 @@ def curves_table(groups: Sequence[Group]) -> pd.DataFrame:
             spreads = (made.mean[:, c], made.spread[:, c], group.within[:, c])
             columns |= dict(zip((channel, f"{channel}_between", f"{channel}_within"), spreads, strict=True))
         tables.append(pd.DataFrame(columns | {"time_between_s": made.time_spread_s}))
-    return pd.concat(tables, ignore_index=True)
+    return _typed(pd.concat(tables, ignore_index=True), groups)
 
 
 def order(value: object) -> tuple:
@@ -244,6 +244,17 @@ def _group(fields: dict[str, object], takes: dict[str, list[Take]], rate_hz: flo
             total, freedom = total + (n - 1) * variance, freedom + n - 1
     within = np.sqrt(total / freedom) if freedom else np.full_like(whole.mean, np.nan)
     return Group(fields, whole, within, speakers, takes)
+
+
+def _typed(table: pd.DataFrame, groups: Sequence[Group]) -> pd.DataFrame:
+    """Fields of whole numbers stay so where some clips lack them; mixed ones become text."""
+    for field in groups[0].fields if groups else ():
+        known = [group.fields[field] for group in groups if group.fields[field] is not None]
+        if all(isinstance(value, int) for value in known):
+            table[field] = table[field].astype("Int64")
+        elif not all(isinstance(value, int | float) for value in known):
+            table[field] = table[field].map(lambda value: value if value is None else str(value))
+    return table
 
 
 def _two_spreads(per_speaker: Iterable[np.ndarray]) -> tuple[float, float, float]:

@@ -104,7 +104,7 @@ def level_colours(count: int) -> list[str]:
 def _legend(figure, panel, title: str, handles=None, labels=None) -> None:
     if handles is None:
         handles, labels = panel.get_legend_handles_labels()
-    if len(labels) > 1 or labels[0]:
+    if any(labels):
         figure.legend(handles, labels, loc="outside upper right", ncols=min(len(labels), 6), frameon=False)
     figure.suptitle(title, x=0.01, ha="left", fontsize=10)
 

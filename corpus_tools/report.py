@@ -6,6 +6,7 @@ import io
 import math
 from collections.abc import Sequence
 from html import escape
+from itertools import pairwise
 from pathlib import Path
 
 import pandas as pd
@@ -144,7 +145,7 @@ def _body(
         rows = [(one["source"], one["error"]) for one in failed]
         parts.append(folded(f"{len(failed)} clips could not be averaged", table(rows, ("clip", "reason"))))
     actions = _by_action(groups, fields)
-    parts += ["<h2>Numbers</h2>", _numbers(summary, fields)]
+    parts += ["<h2>Numbers</h2>", _numbers(groups, summary, fields)]
     if len(fields) > 1:
         parts.append(_orders(actions, summary, fields))
     for action, own in list(actions.items())[:MOST_ACTIONS_N]:
@@ -196,10 +197,11 @@ def _figures(action: str, own: dict[str, Group], fields: Sequence[str]) -> list[
     return parts
 
 
-def _numbers(summary: pd.DataFrame, fields: Sequence[str]) -> str:
+def _numbers(groups: Sequence[Group], summary: pd.DataFrame, fields: Sequence[str]) -> str:
     rows = []
-    for _, row in summary.iterrows():
-        cells = [str(row[field]) for field in fields] + [str(row["speakers_n"]), str(row["clips_n"])]
+    for group, (_, row) in zip(groups, summary.iterrows(), strict=True):
+        said = ["-" if value is None else str(value) for value in group.fields.values()]
+        cells = [*said, str(len(group.takes)), str(group.clips_n)]
         for name in SHOWN:
             spreads = [number(row[f"{name}_{kind}"], 2) for kind in ("between", "within")]
             cells.append(f"{number(row[name])} ({spreads[0]}; {spreads[1]})")
@@ -233,5 +235,5 @@ def _orders(actions: dict[str, dict[str, Group]], summary: pd.DataFrame, fields:
 def _arrow(values: Sequence[float]) -> str:
     if any(math.isnan(value) for value in values):
         return ""
-    steps = [after - before for before, after in zip(values[:-1], values[1:], strict=True)]
+    steps = [after - before for before, after in pairwise(values)]
     return "↗" if all(step > 0 for step in steps) else "↘" if all(step < 0 for step in steps) else ""

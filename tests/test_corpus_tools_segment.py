@@ -266,7 +266,7 @@ def test_clips_that_are_there_stay(tmp_path, capsys):
     take = write_video(tmp_path / "take.mp4", numbered(60))
     (tmp_path / "clips").mkdir()
     (tmp_path / "clips/p_m_2.mp4").write_text("mine")
-    with pytest.raises(InputError, match="expected to write a new file, but .*p_m_2.mp4 exists; add --overwrite"):
+    with pytest.raises(InputError, match=r"expected to write a new file, but .*p_m_2.mp4 exists; add --overwrite"):
         cut(tmp_path, take, "0,1,p,m,1\n1,2,p,m,2\n")
     assert [path.name for path in (tmp_path / "clips").iterdir()] == ["p_m_2.mp4"]
     words = ["corpus", "segment", str(take), "--cuts", str(tmp_path / "cuts.csv"), "-o", str(tmp_path / "clips")]
@@ -344,7 +344,7 @@ def test_movement_is_found_where_it_is(tmp_path, capsys):
     assert main(words) == 0 and "3 cuts proposed" in capsys.readouterr().out
     names = sorted(path.name for path in (tmp_path / "out").iterdir())
     assert names == ["take.proposed.contact.png", "take.proposed.csv", "take.proposed.png"]  # and no clip
-    with pytest.raises(InputError, match="line 2 of .*: expected a value for utterance, got none"):
+    with pytest.raises(InputError, match=r"line 2 of .*: expected a value for utterance, got none"):
         read_cuts(tmp_path / "out/take.proposed.csv", PROTOCOL)
     assert main(words) == 2 and "take.proposed.csv exists" in capsys.readouterr().err
     still = write_video(tmp_path / "still.mp4", [smooth_picture(64, 96)] * 100)
