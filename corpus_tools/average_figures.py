@@ -48,6 +48,7 @@ def levels_png(curves: Mapping[str, tuple[Average, np.ndarray]], title: str) -> 
                 panel.plot(made.time_s, mean, color=colour, linewidth=1.8, label=label)
             panel.set_title(f"({'abc'[k]}) {channel}", fontsize=9)
             panel.set(xlabel="time (s)", ylabel=UNITS[channel])
+            panel.set_ylim(bottom=0)
             _grid(panel)
         _legend(figure, panels[0], title)
 
@@ -80,8 +81,10 @@ def speakers_png(
                 _grid(panel)
                 if column == 0:
                     panel.set_ylabel(f"{channel}\n({UNITS[channel]})")
-            panels[0, column].set_title(who or "all clips", fontsize=9)
+            panels[0, column].set_title(who, fontsize=9)
             panels[-1, column].set_xlabel("time (s)")
+        for panel in panels[:, 0]:
+            panel.set_ylim(bottom=0)  # now that all is in it
         found: dict[str, object] = {}
         for panel in panels[0]:
             found |= dict(zip(*reversed(panel.get_legend_handles_labels()), strict=True))
@@ -105,13 +108,12 @@ def _legend(figure, panel, title: str, handles=None, labels=None) -> None:
     if handles is None:
         handles, labels = panel.get_legend_handles_labels()
     if any(labels):
-        figure.legend(handles, labels, loc="outside upper right", ncols=min(len(labels), 6), frameon=False)
-    figure.suptitle(title, x=0.01, ha="left", fontsize=10)
+        figure.legend(handles, labels, loc="upper right", ncols=min(len(labels), 6), frameon=False)
+    figure.text(0.01, 1 - 0.22 / figure.get_figheight(), title, fontsize=10)
 
 
 def _grid(panel) -> None:
     panel.grid(axis="y", color="#000000", alpha=0.08, linewidth=0.6)
-    panel.set_ylim(bottom=0)
 
 
 def _png(draw: Callable, size: tuple[float, float]) -> bytes:
@@ -120,8 +122,10 @@ def _png(draw: Callable, size: tuple[float, float]) -> bytes:
     from matplotlib.figure import Figure
 
     with mpl.rc_context(_STYLE):
-        figure = Figure(figsize=size, dpi=100, layout="constrained")
+        figure = Figure(figsize=size, dpi=100)
         FigureCanvasAgg(figure)
+        width, height = size  # margins in inches; working them out takes longer than to draw
+        figure.subplots_adjust(0.75 / width, 0.5 / height, 1 - 0.15 / width, 1 - 0.65 / height, 0.22, 0.12)
         draw(figure)
         target = io.BytesIO()
         figure.savefig(target, format="png", metadata={"Software": None})

@@ -133,8 +133,8 @@ def _body(
         f"{len(takes)} clips of {source.name}, {f'{len(people)} speakers' if whose else 'speakers unknown'}, "
         f"{len(groups)} groups by {by}.",
         "Lengths are in mouth widths, areas in their square; time is from the start of each clip.",
-        "A speaker's average is the DTW barycentre average of that speaker's clips; a group's average is that of its "
-        "speakers' averages, so everyone counts once.",
+        "A speaker's average is that of the speaker's clips; a group's average is that of its speakers' averages, so "
+        "everyone counts once. Curves are aligned before they are averaged, by their shape, whatever their size.",
         "Between: standard deviation over the speakers. Within: standard deviation over the repeats of one speaker, "
         "pooled over speakers. Bands in figures of levels are the one between speakers"
         + (", and within where there is one speaker." if whose else "; without speakers, the one within."),
