@@ -292,7 +292,9 @@ def _two_spreads(per_speaker: Iterable[np.ndarray]) -> tuple[float, float, float
     freedom = sum(len(values) - 1 for values in known)
     squares = sum(float(np.square(values - values.mean()).sum()) for values in known)
     between = float(means.std(ddof=1)) if len(means) > 1 else math.nan
-    return float(means.mean()), between, math.sqrt(squares / freedom) if freedom else math.nan
+    within = math.sqrt(squares / freedom) if freedom else math.nan
+    mean, noise = float(means.mean()), 1e-9 * float(np.abs(means).max())
+    return mean, *(0.0 if spread < noise else spread for spread in (between, within))
 
 
 def _profiles(folder: Path, template: Template | None, misfit: Callable[[str, str], None]) -> list[Take]:

@@ -10,11 +10,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from corpus_tools import report
 from corpus_tools.average import average_groups, curves_table, measures, read_takes_of, speakers_table, summary_table
 from corpus_tools.average_figures import levels_png, speakers_png
 from corpus_tools.clips import Clip
 from corpus_tools.naming import Template
-from corpus_tools.report import write_report
 from corpus_tools.store import Key, store_of_clip, write_store
 from lipmetrics.cli import main
 from lipmetrics.errors import InputError
@@ -118,7 +118,7 @@ def test_spreads_that_cannot_be_known_are_unknown():
 
 def test_rates_and_order_of_clips_do_not_matter():
     rng = np.random.default_rng(5)
-    takes = [take_of(f"t{k}", opening(1.3, 0.2 + 0.05 * k), {"speaker": f"s{k % 3}"}) for k in range(7)]
+    takes = [take_of(f"t{k}", opening(1 + 0.1 * k, 0.2 + 0.05 * k), {"speaker": f"s{k % 3}"}) for k in range(7)]
     half = takes[3]
     slow = {name: values[::2] for name, values in half.channels.items()}
     takes[3] = Take(half.name, half.time_s[::2], slow, meta=half.meta)
@@ -151,7 +151,7 @@ def test_groups_of_a_store(store):
         average_groups(takes, ["actoin"])
 
 
-def test_the_report(store, tmp_path, capsys):
+def test_the_report(store, tmp_path, capsys, monkeypatch):
     out = tmp_path / "report"
     assert main(["corpus", "average", str(store), "-o", str(out), "--json"]) == 0
     answer = json.loads(capsys.readouterr().out)
@@ -166,11 +166,10 @@ def test_the_report(store, tmp_path, capsys):
     table = pd.read_csv(out / "averages.csv")
     assert {"action", "stickiness", "time_s", "height", "height_between", "height_within"} <= set(table.columns)
     assert len(pd.read_csv(out / "summary.csv")) == 8 and len(pd.read_csv(out / "speakers.csv")) == 24
-    before = {path.name: path.read_bytes() for path in out.iterdir()}
-    assert main(["corpus", "average", str(store), "-o", str(out)]) == 0
-    assert capsys.readouterr().out.startswith("48 clips, 3 speakers, 8 groups by action and stickiness\n")
-    assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+    for name in ("levels_png", "speakers_png"):  # drawing them again takes long, and says nothing new
+        monkeypatch.setattr(report, name, lambda *_: b"\x89PNG")
     assert main(["corpus", "average", str(store), "-o", str(out), "--by", "speaker"]) == 0
+    assert capsys.readouterr().out.startswith("48 clips, 3 speakers, 3 groups by speaker\n")
     assert len(pd.read_csv(out / "summary.csv")) == 3
 
 
@@ -207,7 +206,9 @@ def test_parquet(store, tmp_path, monkeypatch, capsys):
         assert main(["corpus", "average", str(store), "-o", str(out), "--parquet"]) == 2
     assert "pip install 'lipmetrics[parquet]'" in capsys.readouterr().err and not list(out.iterdir())
     pytest.importorskip("pyarrow")
-    write_report(store, out, parquet=True)
+    monkeypatch.setattr(report, "levels_png", lambda *_: b"\x89PNG")
+    monkeypatch.setattr(report, "speakers_png", lambda *_: b"\x89PNG")
+    report.write_report(store, out, parquet=True)
     for name in ("averages", "summary", "speakers"):
         read, text = pd.read_parquet(out / f"{name}.parquet"), pd.read_csv(out / f"{name}.csv")
         assert list(read.columns) == list(text.columns) and len(read) == len(text)
