@@ -95,7 +95,7 @@ def run_segment(arguments: argparse.Namespace) -> dict:
         speaker=arguments.speaker,
         mark_s=arguments.mark,
         overwrite=arguments.overwrite,
-        lossless=arguments.lossless,
+        crf=arguments.crf,
         progress=sys.stderr.isatty(),
     )
 
@@ -263,7 +263,13 @@ def _add_segment(verbs, prog: str) -> None:
     verb.add_argument("--speaker", metavar="NAME", help="whose take it is, where the cuts are proposed")
     verb.add_argument("--mark", type=_from_zero, metavar="S", help="time of the page's mark in the take, s")
     verb.add_argument("--overwrite", action="store_true", help="replace clips that are there")
-    verb.add_argument("--lossless", action="store_true", help="keep the very pixels where a clip is encoded anew: huge")
+    verb.add_argument(
+        "--crf",
+        type=_rate_factor,
+        metavar="N",
+        help="encode with this loss, 1 (little) to 51, where a clip cannot be copied; smaller, but measures a little "
+        "differently; without it lossless",
+    )
 
 
 def _add_index(verbs, prog: str) -> None:
@@ -327,6 +333,13 @@ def _add_verb(verbs, name: str, run, what: str, example: str) -> argparse.Argume
     verb = add_verb(verbs, name, run, what, example)
     verb.set_defaults(verb=name)
     return verb
+
+
+def _rate_factor(text: str) -> int:
+    value = count(text)
+    if value > 51:
+        raise argparse.ArgumentTypeError(f"expected a whole number from 1 to 51, got '{text}'")
+    return value
 
 
 def _from_zero(text: str) -> float:

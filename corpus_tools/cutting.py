@@ -3,9 +3,8 @@
 A clip is copied where its first picture is a key picture and its pictures stand in the file together, so that none of
 them needs one outside. Every clip is then decoded once to see that it has its pictures at their times.
 
-Encoded clips are H.264 in the pixel format of the take: QUALITY is close enough to change no measured opening by more
-than decoding noise, `lossless` gives the very pixels (and files that few players but FFmpeg's play). Times between
-pictures are the take's own, to the tick.
+Encoded clips are H.264 in the pixel format of the take, lossless unless a quality is asked for: so a clip measures as
+the take does. Times between pictures are the take's own, to the tick.
 """
 
 from __future__ import annotations
@@ -29,8 +28,7 @@ from lipmetrics.errors import InputError
 from lipmetrics.frames import open_frames
 
 COPIED, ENCODED = "copied", "re-encoded"
-QUALITY = {"crf": "10", "preset": "fast"}
-LOSSLESS = {"qp": "0", "preset": "fast"}
+PRESET = "fast"
 COPIED_CODECS = ("h264", "hevc", "mjpeg", "prores", "dnxhd", "ffv1", "mpeg4")
 COPIED_SOUNDS = ("aac", "mp3", "mp3float", "ac3", "alac", "flac", "opus", "vorbis")
 AAC_RATES = (8_000, 11_025, 12_000, 16_000, 22_050, 24_000, 32_000, 44_100, 48_000)
@@ -115,17 +113,21 @@ def plan(take: LongTake, pieces: Sequence[Piece], folder: Path) -> list[Made]:
     return planned
 
 
-def cut(take: LongTake, planned: Sequence[Made], *, lossless: bool = False, view_px: int = 160) -> Iterator[Made]:
+def cut(take: LongTake, planned: Sequence[Made], *, crf: int | None = None, view_px: int = 160) -> Iterator[Made]:
     """Write the clips; each comes as soon as it is whole, those to be copied first.
 
     What cannot be cut has its `error`; the others go on.
+
+    Parameters
+    ----------
+    crf : constant rate factor of clips that are encoded, 1 (best) to 51; None is lossless
     """
     to_encode = []
     for one in planned:
         if one.how == ENCODED:
             to_encode.append(one)
             continue
-        done = _attempt(take, one, None, lossless, view_px)
+        done = _attempt(take, one, None, crf, view_px)
         if done.error:
             why = f"could not be copied: {done.error}"
             to_encode.append(replace(one, how=ENCODED, why=why))
@@ -137,17 +139,17 @@ def cut(take: LongTake, planned: Sequence[Made], *, lossless: bool = False, view
     for number, group in groupby(pictures(take, parts), key=lambda item: item[0]):
         for lost in to_encode[reached:number]:
             yield replace(lost, error="none of its pictures can be decoded")
-        yield _attempt(take, to_encode[number], ((index, picture) for _, index, picture in group), lossless, view_px)
+        yield _attempt(take, to_encode[number], ((index, picture) for _, index, picture in group), crf, view_px)
         reached = number + 1
     for lost in to_encode[reached:]:
         yield replace(lost, error="none of its pictures can be decoded")
 
 
-def _attempt(take: LongTake, one: Made, decoded, lossless: bool, view_px: int) -> Made:
+def _attempt(take: LongTake, one: Made, decoded, crf: int | None, view_px: int) -> Made:
     try:
         with whole_file(one.path) as part:
             try:
-                sound = _write(take, one, decoded, lossless, part)
+                sound = _write(take, one, decoded, crf, part)
                 views = _checked(take, one, part, view_px)
             except (av.error.FFmpegError, ValueError) as error:
                 if isinstance(error, InputError):
@@ -158,7 +160,7 @@ def _attempt(take: LongTake, one: Made, decoded, lossless: bool, view_px: int) -
     return replace(one, sound=sound, views=views)
 
 
-def _write(take: LongTake, one: Made, decoded, lossless: bool, part: Path) -> str:
+def _write(take: LongTake, one: Made, decoded, crf: int | None, part: Path) -> str:
     """Write one clip; says what became of its sound."""
     ticks = take.time_base.denominator
     ending = one.path.suffix
@@ -173,7 +175,7 @@ def _write(take: LongTake, one: Made, decoded, lossless: bool, part: Path) -> st
         if one.how == COPIED:
             moving = _copied(take, one, source, stream, target)
         else:
-            moving = _encoded(take, one, decoded, lossless, target)
+            moving = _encoded(take, one, decoded, crf, target)
         head = next(moving, None)  # the stream is made
         if head is None:
             raise InputError("none of its pictures can be decoded")
@@ -210,11 +212,11 @@ def _copied(take: LongTake, one: Made, source, stream, target) -> Iterator[tuple
     raise InputError(f"{left_n} of its {one.frames_n} pictures were not found again")
 
 
-def _encoded(take: LongTake, one: Made, decoded, lossless: bool, target) -> Iterator[tuple[float, av.Packet]]:
+def _encoded(take: LongTake, one: Made, decoded, crf: int | None, target) -> Iterator[tuple[float, av.Packet]]:
     zero, video, written_n = int(take.pts[one.first_frame]), None, 0
     for index, picture in decoded:
         if video is None:
-            video, pixels = _encoder(take, picture, lossless, target)
+            video, pixels = _encoder(take, picture, crf, target)
         if picture.format.name != pixels:
             picture = picture.reformat(format=pixels)
         picture.pts, picture.time_base = int(take.pts[index]) - zero, take.time_base
@@ -228,14 +230,14 @@ def _encoded(take: LongTake, one: Made, decoded, lossless: bool, target) -> Iter
         yield float(packet.pts * packet.time_base), packet
 
 
-def _encoder(take: LongTake, picture: av.VideoFrame, lossless: bool, target):
+def _encoder(take: LongTake, picture: av.VideoFrame, crf: int | None, target):
     """The stream, of the take's size, turn, colours and times, and its pixel format."""
-    name, pixels = _pixels(picture.format, lossless)
+    name, pixels = _pixels(picture.format, crf is None)
     rate = Fraction(take.info.nominal_fps if take.info.nominal_fps > 0 else 25).limit_denominator(1001)
     video = target.add_stream(name, rate=max(rate, Fraction(1, 1000)))
     video.width, video.height, video.pix_fmt = picture.width, picture.height, pixels
     # no pictures out of order: then every packet has its own time, and no player needs an edit list to be in time
-    video.options = (LOSSLESS if lossless else QUALITY) | {"bf": "0"}
+    video.options = {"preset": PRESET, "bf": "0", **({"qp": "0"} if crf is None else {"crf": str(crf)})}
     video.gop_size = max(1, round(_KEY_EVERY_S * float(rate)))
     context = video.codec_context
     context.time_base = video.time_base = take.time_base

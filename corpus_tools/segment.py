@@ -38,7 +38,7 @@ def segment(
     speaker: str | None = None,
     mark_s: float | None = None,
     overwrite: bool = False,
-    lossless: bool = False,
+    crf: int | None = None,
     progress: bool = False,
 ) -> dict:
     """Cut a take, or propose the cuts where there is no cut list.
@@ -50,7 +50,7 @@ def segment(
         movement and loudness and its contact sheet
     cuts, speaker, mark_s : see `corpus_tools.cuts.read_cuts` and `corpus_tools.propose.propose`
     overwrite : replace clips that are there
-    lossless : encode the very pixels
+    crf : see `corpus_tools.cutting.cut`
 
     Returns
     -------
@@ -70,7 +70,7 @@ def segment(
     _refuse_own_take(known, planned)
     made = []
     with tqdm(total=len(planned), unit="clip", disable=not progress) as bar:
-        for one in cut(known, planned, lossless=lossless, view_px=VIEW_PX):
+        for one in cut(known, planned, crf=crf, view_px=VIEW_PX):
             made.append(one)
             bar.update()
     made.sort(key=lambda one: one.first_frame)
