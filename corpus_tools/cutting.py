@@ -20,6 +20,7 @@ from pathlib import Path
 import av
 import numpy as np
 from av.video.frame import PictureType
+from av.video.reformatter import ColorRange
 
 from corpus_tools.cuts import Piece
 from corpus_tools.long_take import LongTake, opened, pictures
@@ -33,6 +34,7 @@ COPIED_CODECS = ("h264", "hevc", "mjpeg", "prores", "dnxhd", "ffv1", "mpeg4")
 COPIED_SOUNDS = ("aac", "mp3", "mp3float", "ac3", "alac", "flac", "opus", "vorbis")
 AAC_RATES = (8_000, 11_025, 12_000, 16_000, 22_050, 24_000, 32_000, 44_100, 48_000)
 _FORMATS = {".mp4": "mp4", ".mov": "mov", ".mkv": "matroska"}
+MPEG = int(ColorRange.MPEG)
 _KEY_EVERY_S = 0.5  # key pictures of encoded clips: to and fro in a player
 
 
@@ -109,6 +111,8 @@ def plan(take: LongTake, pieces: Sequence[Piece], folder: Path) -> list[Made]:
         why = why_not_copied(take, first, end)
         times = (one.start_s, one.stop_s, float(take.time_s[first]), float(take.time_s[end - 1]))
         path = folder / (one.name + ending_of(take))
+        if why and (becomes := _pixels(take.info.pixel_format, True)[1]) not in (take.info.pixel_format, "rgb24"):
+            why += f"; {take.info.pixel_format} becomes {becomes}"
         planned.append(Made(one.name, path, ENCODED if why else COPIED, why, first, end - 1, *times))
     return planned
 
@@ -232,12 +236,14 @@ def _encoded(take: LongTake, one: Made, decoded, crf: int | None, target) -> Ite
 
 def _encoder(take: LongTake, picture: av.VideoFrame, crf: int | None, target):
     """The stream, of the take's size, turn, colours and times, and its pixel format."""
-    name, pixels = _pixels(picture.format, crf is None)
+    name, pixels = _pixels(picture.format.name, crf is None)
     rate = Fraction(take.info.nominal_fps if take.info.nominal_fps > 0 else 25).limit_denominator(1001)
     video = target.add_stream(name, rate=max(rate, Fraction(1, 1000)))
     video.width, video.height, video.pix_fmt = picture.width, picture.height, pixels
     # no pictures out of order: then every packet has its own time, and no player needs an edit list to be in time
     video.options = {"preset": PRESET, "bf": "0", **({"qp": "0"} if crf is None else {"crf": str(crf)})}
+    if picture.color_range == MPEG:
+        video.options |= {"x264-params": "videoformat=component"}  # else it would not be written, as it is the usual
     video.gop_size = max(1, round(_KEY_EVERY_S * float(rate)))
     context = video.codec_context
     context.time_base = video.time_base = take.time_base
@@ -250,14 +256,17 @@ def _encoder(take: LongTake, picture: av.VideoFrame, crf: int | None, target):
     return video, pixels
 
 
-def _pixels(given: av.VideoFormat, lossless: bool) -> tuple[str, str]:
-    """Encoder and pixel format for pictures of such a format: the same if there is one."""
+def _pixels(name: str, lossless: bool) -> tuple[str, str]:
+    """Encoder and pixel format for pictures of such a format: the same where there is one, else the nearest."""
     known = {one.name for one in av.Codec("libx264", "w").video_formats}
-    if given.name in known:
-        return "libx264", given.name
-    if given.is_rgb and lossless:
-        return "libx264rgb", "rgb24"
-    return "libx264", "yuv444p" if given.is_rgb else "yuv420p"
+    if name in known:
+        return "libx264", name
+    given = av.VideoFormat(name)
+    deep = "10le" if given.components[0].bits > 8 else ""
+    if given.is_rgb:
+        return ("libx264", f"yuv444p{deep}") if deep or not lossless else ("libx264rgb", "rgb24")
+    sampling = next((part for part in ("444", "422") if part in name), "420")
+    return "libx264", f"yuv{sampling}p{deep}"
 
 
 def _sound(take: LongTake, one: Made, source, target) -> tuple[str, Iterator[tuple[float, av.Packet]]]:
