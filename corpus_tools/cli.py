@@ -116,6 +116,7 @@ def run_index(arguments: argparse.Namespace) -> dict:
         misfits=reading.misfits,
         expected=expected,
         clip_s=protocol.clip_s if expected else None,
+        jobs=arguments.jobs,
         progress=sys.stderr.isatty(),
     )
 
@@ -129,6 +130,7 @@ def run_run(arguments: argparse.Namespace) -> dict:
         jobs=arguments.jobs,
         dask=arguments.dask,
         method=arguments.method,
+        reread=arguments.reread,
         progress=sys.stderr.isatty(),
     )
 
@@ -283,6 +285,7 @@ def _add_index(verbs, prog: str) -> None:
     _add_reading(verb)
     verb.add_argument("-o", "--out", required=True, metavar="CSV", help="the table")
     verb.add_argument("--speaker", nargs="+", default=[], metavar="NAME", help="who should be there")
+    verb.add_argument("--jobs", type=count, metavar="N", help="processes; one for every core if not given")
 
 
 def _add_run(verbs, prog: str) -> None:
@@ -298,6 +301,7 @@ def _add_run(verbs, prog: str) -> None:
     verb.add_argument("--jobs", type=count, metavar="N", help="processes; one for every core if not given")
     verb.add_argument("--dask", metavar="ADDRESS", help="measure on this Dask cluster, such as tcp://10.0.0.1:8786")
     verb.add_argument("--method", default="default", help="default, or thesis for the published baseline")
+    verb.add_argument("--reread", action="store_true", help="compare contents, not only sizes and times of files")
 
 
 def _add_average(verbs, prog: str) -> None:

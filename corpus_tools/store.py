@@ -273,13 +273,14 @@ def write_store(
         for name in sorted(parts):
             with nullcontext(often[parts[name]]) if parts[name] in often else Store(parts[name]) as part:
                 kind = "clips" if name in part._group("clips") else "failed"
-                part._file.copy(part._file[kind][name], groups[kind], name)
-            group = groups[kind][name]
-            if name in now and _text(group["about"]) != now[name]:
-                del group["about"]
-                _put_text(group, "about", now[name])
-            if seen and name in seen:
-                group.attrs["seen"] = np.bytes_(seen[name])
+                source, group = part._file[kind][name], groups[kind].create_group(name)
+                for key, value in source.attrs.items():
+                    group.attrs[key] = np.bytes_(seen[name]) if key == "seen" and seen and name in seen else value
+                for child in source:  # what is replaced leaves no hole, so the bytes do not tell that it was
+                    if child == "about":
+                        _put_text(group, child, now.get(name) or _text(source[child]))
+                    else:
+                        part._file.copy(source[child], group, child)
 
 
 def about_differs(store: Store, clip: Clip) -> bool:

@@ -91,6 +91,8 @@ def work(function: str, jobs: Sequence[tuple[Hashable, tuple]], processes_n: int
                     if given_up:
                         yield Outcome(job[0], error=f"the process that did it was ended {ATTEMPTS_N} times ({how})")
                     continue
+                if isinstance(answer, str):
+                    raise InputError(f"expected processes that can do {function}, but: {answer}")
                 if answer is None:
                     worker.is_ready, starts_n = True, 0
                     continue
@@ -98,7 +100,7 @@ def work(function: str, jobs: Sequence[tuple[Hashable, tuple]], processes_n: int
                 yield Outcome(job[0], *answer)
     finally:
         for worker in workers:
-            worker.end()
+            worker.end(wait_s=0 if worker.job else 2)
 
 
 class _Worker:
@@ -109,6 +111,7 @@ class _Worker:
         self.pipe, there = context.Pipe()
         self.job: tuple[Hashable, tuple] | None = None
         self.is_ready = False
+        self.how = ""
         self.process = context.Process(target=_serve, args=(there, function), daemon=True)
         before = {name: os.environ.get(name) for name in ONE_THREAD}
         try:
@@ -129,26 +132,29 @@ class _Worker:
             with suppress(OSError):  # it is gone; that is found when its answer is read
                 self.pipe.send(self.job[1])
 
-    def end(self) -> str:
-        """End the process; how it ended if it was not by this."""
-        self.process.join(0.2 if self.job is None or not self.process.is_alive() else 0)
-        if self.process.is_alive() and self.job is None:
-            self.process.terminate()
-        self.pipe.close()
-        if self.process.is_alive():
+    def end(self, wait_s: float = 2.0) -> str:
+        """End the process, after so long by force; how it ended."""
+        if not self.how:
+            self.pipe.close()  # tells it to end, once it has done its job
+            self.process.join(wait_s)
             self.process.kill()
-        self.process.join()
-        code = self.process.exitcode
-        self.process.close()
-        return f"exit code {code}" if code >= 0 else f"signal {-code}"
+            self.process.join()
+            code = self.process.exitcode
+            self.how = f"exit code {code}" if code >= 0 else f"signal {-code}"
+            self.process.close()
+        return self.how
 
 
 def _serve(pipe: Connection, function: str) -> None:
-    """A worker: answers None once it is ready, then (value, error) to each job."""
+    """A worker: answers None once it is ready, or why it never will be, then (value, error) to each job."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that started this one
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    do = _function(function)
     with suppress(OSError, EOFError):
+        try:
+            do = _function(function)
+        except Exception as error:
+            pipe.send(" ".join(f"{type(error).__name__}: {error}".split()))
+            return
         pipe.send(None)
         while True:
             pipe.send(_answer(do, pipe.recv()))
@@ -217,7 +223,7 @@ def on_dask(address: str, function: str, jobs: Sequence[tuple[Hashable, tuple]])
             for key, arguments in jobs
         }
         try:
-            for future in as_completed(list(futures)):
+            for future in as_completed(list(futures), loop=client.loop):
                 key = futures.pop(future)
                 if future.status == "finished":
                     yield Outcome(key, *future.result())
