@@ -125,7 +125,7 @@ def test_rates_and_order_of_clips_do_not_matter():
     table = curves_table(average_groups(takes, []))
     assert np.diff(table["time_s"]) == pytest.approx(1 / RATE) and table["height"].max() == pytest.approx(1.3, abs=0.02)
     shuffled = [takes[k] for k in rng.permutation(len(takes))]
-    pd.testing.assert_frame_equal(table, curves_table(average_groups(shuffled, [])))
+    pd.testing.assert_frame_equal(table, curves_table(average_groups(shuffled, [])), check_exact=True)
 
 
 def test_measures():
@@ -219,7 +219,9 @@ def test_figures_show_every_level_and_speaker(store):
     groups = [group for group in average_groups(read_takes_of(store), ["action", "stickiness"])][:4]
     curves = {f"stickiness {g.fields['stickiness']}": (g.average, g.average.spread) for g in groups}
     png = levels_png(curves, "mm")
-    assert png == levels_png(curves, "mm") and png != levels_png(dict(list(curves.items())[:3]), "mm")
+    bare = {label: (made, np.full_like(made.mean, np.nan)) for label, (made, _) in curves.items()}
+    assert png == levels_png(curves, "mm") and png != levels_png(bare, "mm")
+    assert levels_png(bare, "mm") != levels_png(dict(list(bare.items())[:3]), "mm")
     speakers = {
         who: {label: (g.speakers[who], g.takes[who]) for label, g in zip(curves, groups, strict=True)}
         for who in groups[0].takes

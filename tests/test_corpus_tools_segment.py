@@ -385,3 +385,6 @@ def test_proposals_take_their_names_from_the_plan(tmp_path):
     late = [Event(cue.at_s + 20 + 2.4, cue.at_s + 23, 8.0, 0.0) for cue in cues[:3]]
     found = propose(late, 1400.0, PROTOCOL, speaker="p01", mark_s=20.0)
     assert len(found.cuts) == 110 and sum(one.event is not None for one in found.cuts) == 3
+    # three of 110 say nothing of the plan, though they are 10 s apart
+    found = propose(late, 1400.0, PROTOCOL, speaker="p01")
+    assert found.mark_s is None and [one.fields for one in found.cuts] == [{"speaker": "p01"}] * 3
