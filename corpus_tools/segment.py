@@ -125,6 +125,8 @@ def _propose(
     table = folder / f"{stem}.proposed.csv"
     figure, sheet = folder / f"{stem}.proposed.png", folder / f"{stem}.proposed.contact.png"
     _refuse_to_overwrite([table], overwrite)  # it may have been corrected by hand
+    if take.end_s < protocol.clip_s:
+        raise InputError(f"expected a take longer than a clip of {protocol.clip_s:g} s, got {take.end_s:.2f} s")
     with tqdm(total=round(take.end_s), unit="s", disable=not progress) as bar:
         activity = read_activity(take.path, lambda time_s: bar.update(int(time_s) - bar.n))
     events = find_events(activity)

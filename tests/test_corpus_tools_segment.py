@@ -355,6 +355,9 @@ def test_movement_is_found_where_it_is(tmp_path, capsys):
     still = write_video(tmp_path / "still.mp4", [smooth_picture(64, 96)] * 100)
     assert main(["corpus", "segment", str(still), "-o", str(tmp_path / "none")]) == 2
     assert "expected movement or sound in" in capsys.readouterr().err
+    short = write_video(tmp_path / "short.mp4", numbered(30))
+    assert main(["corpus", "segment", str(short), "-o", str(tmp_path / "none")]) == 2
+    assert "expected a take longer than a clip of 3 s, got 1.20 s" in capsys.readouterr().err
 
 
 def test_sound_alone_is_proposed_with_a_note(tmp_path):
