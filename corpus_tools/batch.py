@@ -17,7 +17,7 @@ import os
 import shutil
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
 
@@ -91,22 +91,23 @@ def run(
             jobs_todo.append((clip.name, (there, method, settings[clip.name], known)))
         outcomes = (
             on_dask(dask, "corpus_tools.batch:measure_clip", jobs_todo)
-            if dask
+            if dask and jobs_todo
             else work("corpus_tools.batch:measure_clip", jobs_todo, jobs or cores_n())
         )
-        measured_n = 0
-        for outcome in _with_progress(outcomes if jobs_todo else iter(()), len(jobs_todo), progress):
-            clip = by_name[outcome.key]
+        stack.enter_context(closing(outcomes))  # ends the workers, whatever happens here
+        tried = set()
+        for outcome in _with_progress(outcomes, len(jobs_todo), progress):
             if isinstance(outcome.value, str):
                 raise InputError(outcome.value)
+            clip = by_name[outcome.key]
             seen, part = _part_of(outcome, clip, settings[clip.name])
             if part is None:
                 seen_now[clip.name] = seen
             else:
-                measured_n += 1
+                tried.add(clip.name)
                 kept.keep(clip.name, part)
         _merge(store, parts, kept, old, list(clips), seen_now, stack)
-    return _answer(store, by_name, measured_n)
+    return _answer(store, by_name, tried)
 
 
 def measure_clip(
@@ -297,17 +298,16 @@ def _with_progress(outcomes: Iterator[Outcome], total: int, progress: bool) -> I
     return iter(tqdm(outcomes, total=total, unit="clip", desc="measured", smoothing=0.05, file=sys.stderr))
 
 
-def _answer(path: Path, by_name: dict[str, Clip], measured_n: int) -> dict:
+def _answer(path: Path, by_name: dict[str, Clip], tried: set[str]) -> dict:
     with Store(path) as store:
         reasons = {name: reason for name, reason in store.failed.items() if name in by_name}
     failed = [{"source": str(by_name[name].path), "error": reason} for name, reason in sorted(reasons.items())]
-    done_n = len(by_name) - len(failed)
-    facts = [f"{done_n} of {len(by_name)} clips in {path}", f"{measured_n} measured now"]
+    done_n, measured_n = len(by_name) - len(failed), len(tried - set(reasons))
     return {
-        "text": [", ".join(facts)],
+        "text": [f"{done_n} of {len(by_name)} clips in {path}, {measured_n} measured now"],
         "failed": failed,
         "done_n": done_n,
         "measured_n": measured_n,
-        "unchanged_n": len(by_name) - measured_n,
+        "unchanged_n": done_n - measured_n,
         "store": str(path),
     }

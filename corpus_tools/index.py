@@ -5,6 +5,7 @@ Videos are not decoded for this but for three pictures at most (`corpus_tools.fa
 
 from __future__ import annotations
 
+import csv
 import hashlib
 import math
 import sys
@@ -12,8 +13,6 @@ from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-
-import pandas as pd
 
 from corpus_tools.clips import Clip
 from corpus_tools.facts import COLUMNS, Facts, clip_facts
@@ -62,7 +61,7 @@ class Limits:
     mouth_width_px: float = 30.0
     tilt_deg: float = 20.0
     off_middle: float = 0.15
-    margin_mw: float = 0.05
+    margin_mw: float = 0.12
 
 
 def index(
@@ -243,16 +242,18 @@ def _row(name: str, path: Path | None, found: list[tuple[str, str]]) -> dict:
 
 
 def _write(rows: list[dict], out: Path) -> None:
-    table = pd.DataFrame(rows).drop(columns="_found")
-    last = [name for name in COLUMNS if name in table.columns]
-    table = table[[name for name in table.columns if name not in COLUMNS] + last]
-    for name in last:
-        if table[name].dtype == float:
-            table[name] = table[name].round(4)
-        elif name in ("width_px", "height_px", "frames_n", "looked_n", "mouths_n", "sides_n"):
-            table[name] = table[name].astype("Int64")
-    with whole_file(out) as file:
-        table.to_csv(file, index=False, lineterminator="\n")
+    names = list(dict.fromkeys(name for row in rows for name in row if name not in (*COLUMNS, "_found")))
+    with whole_file(out) as path, path.open("w", encoding="utf-8", newline="") as file:
+        table = csv.DictWriter(file, [*names, *COLUMNS], extrasaction="ignore", lineterminator="\n")
+        table.writeheader()
+        table.writerows({name: _cell(value) for name, value in row.items()} for row in rows)
+
+
+def _cell(value):
+    """Numbers to 4 digits after the point, nothing for what is unknown."""
+    if isinstance(value, float):
+        return "" if math.isnan(value) else round(value, 4)
+    return value
 
 
 def _answer(rows: list[dict], clips_n: int, out: Path) -> dict:

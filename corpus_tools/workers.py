@@ -23,6 +23,8 @@ from lipmetrics.errors import InputError
 ATTEMPTS_N = 3  # of a job whose worker is lost, and of starting a worker
 ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 CONNECT_S, WORKERS_S = 10, 60  # longest wait for a scheduler, and for its first worker
+_ONE_AT_A_TIME = threading.Lock()  # a worker of Dask has several threads if nothing else is said, and OpenCV's
+# search for faces allows one
 
 
 @dataclass(frozen=True)
@@ -85,7 +87,7 @@ def work(function: str, jobs: Sequence[tuple[Hashable, tuple]], processes_n: int
                             ) from None
                     given_up = lost[job[0]] >= ATTEMPTS_N
                     if not given_up:
-                        waiting.appendleft(job)
+                        waiting.append(job)
                     workers[i] = _Worker(function)
                     workers[i].take(waiting)
                     if given_up:
@@ -238,4 +240,5 @@ def on_dask(address: str, function: str, jobs: Sequence[tuple[Hashable, tuple]])
 
 
 def _on_worker(function: str, arguments: tuple) -> tuple[object, str | None]:
-    return _answer(_function(function), arguments)
+    with _ONE_AT_A_TIME:
+        return _answer(_function(function), arguments)

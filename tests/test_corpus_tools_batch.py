@@ -158,7 +158,7 @@ def test_a_broken_clip_is_passed_over_and_told(tmp_path, work, capsys):
         path = tmp_path / "clips/p01_m_2.mp4"
         assert said.err == f"lipmetrics: {path}: cannot read {path}\n"
         answer = json.loads(said.out)
-        assert answer["done_n"] == 3 and answer["measured_n"] == (0 if k else 4)
+        assert answer["done_n"] == 3 and answer["measured_n"] == (0 if k else 3)
     assert len(work.done) == 4
     with Store(store) as found:
         assert found.names == ["p01_m_1", "p01_m_3", "p01_m_4"] and list(found.failed) == ["p01_m_2"]
@@ -194,7 +194,7 @@ def test_what_may_go_well_next_time_is_tried_again(tmp_path, work, monkeypatch):
 def test_other_versions_on_a_worker_are_refused(tmp_path, work, monkeypatch):
     clips = corpus(tmp_path / "clips", 1)
     job = (clips[0], "default", "f" * 64, None)
-    monkeypatch.setattr(batch, "work", lambda *_: iter([Outcome("p01_m_1", batch.measure_clip(*job))]))
+    monkeypatch.setattr(batch, "work", lambda *_: (Outcome("p01_m_1", batch.measure_clip(*job)) for _ in range(1)))
     with pytest.raises(InputError, match="expected the same versions of lipmetrics, Python and its packages here and"):
         batch.run(clips, tmp_path / "s.h5")
     assert not (tmp_path / "s.h5").exists()
@@ -303,19 +303,21 @@ def kill_at_random(folder, store, rng, longest_s, kills_n, of_worker):
 def test_real_processes(tmp_path):
     """One kill of the run and one of a worker; the store says what `measure` says."""
     folder, whole, store = tmp_path / "clips", tmp_path / "whole.h5", tmp_path / "s.h5"
-    real_corpus(folder, 6)
+    real_corpus(folder, 4, 6)
     begin = time.monotonic()
-    assert finish(start(folder, whole)) == f"7 of 8 clips in {whole}, 8 measured now\n"
+    assert finish(start(folder, whole)) == f"5 of 6 clips in {whole}, 5 measured now\n"
     longest_s = time.monotonic() - begin
     with Store(whole) as found:
         got, wanted = found.profile("p01_m_2"), measure(folder / "p01_m_2.mp4")
         assert got.frames.equals(wanted.frames) and got.openings.equals(wanted.openings)
         assert json.loads(json.dumps(got.meta)) == json.loads(json.dumps(wanted.meta))
-        assert (wanted.frames["status"] == "open").any() and len(found.takes({"utterance": "m"})) == 6
-    for seed, of_worker in enumerate((False, True)):
-        store = tmp_path / f"{seed}.h5"
-        assert kill_at_random(folder, store, random.Random(seed), longest_s, 1, of_worker) <= 1
-        assert store.read_bytes() == whole.read_bytes()
+        assert (wanted.frames["status"] == "open").any() and len(found.takes({"utterance": "m"})) == 4
+    run = start(folder, store)
+    time.sleep(0.7 * longest_s)
+    run.kill()
+    run.communicate()
+    assert kill_at_random(folder, store, random.Random(1), longest_s, 1, of_worker=True) <= 1
+    assert store.read_bytes() == whole.read_bytes()
 
 
 @pytest.mark.slow
@@ -332,6 +334,7 @@ def test_20_kills_at_random_moments(tmp_path, of_worker):
         assert store.read_bytes() == whole.read_bytes()
 
 
+@pytest.mark.slow
 def test_on_a_dask_cluster(tmp_path):
     distributed = pytest.importorskip("distributed")
     folder, store = tmp_path / "clips", tmp_path / "s.h5"
@@ -341,6 +344,6 @@ def test_on_a_dask_cluster(tmp_path):
     )
     with cluster:
         out = finish(start(folder, store, "--dask", cluster.scheduler_address))
-    assert out == f"4 of 5 clips in {store}, 5 measured now\n"
+    assert out == f"4 of 5 clips in {store}, 4 measured now\n"
     finish(start(folder, tmp_path / "here.h5"))
     assert store.read_bytes() == (tmp_path / "here.h5").read_bytes()
