@@ -4,8 +4,8 @@
 
 Settings are compared on the part `tune` and judged on the part `report`: other faces and seeds, other people.
 
-- Simulated: six utterances, spoken by twelve faces, at four levels of stickiness, twice each, with timings, strengths and
-  noise of their own (utterances.py). A take is compared with the average of each utterance. `tune`: averages of five
+- Simulated: six utterances, spoken by twelve faces, at four levels of stickiness, twice each, with timings, strengths
+  and noise of their own (utterances.py). A take is compared with the average of each utterance. `tune`: averages of five
   faces recognise the sixth, in turn. `report`: averages of the six `tune` faces recognise the six others.
 - Real: nobody says anything twice in the reference clips. So a repeat is made of what is there: a piece of 2.5 s as
   the detector measured it is the reference; the same piece as MediaPipe measured it, put through a seeded warp of
@@ -20,6 +20,7 @@ import itertools
 
 import numpy as np
 import pandas as pd
+import reference
 import utterances
 from results import markdown, write_section
 from utterances import REPORT_FACES, TUNE_FACES, UTTERANCES, Spoken, clip_names, detected, landmarks, seeded
@@ -32,6 +33,7 @@ BANDS = (None, 0.0, 0.02, 0.05, 0.1, 0.2, 0.3)
 COSTS = ("absolute", "squared")
 CHANNEL_SETS = (CHANNELS, ("width", "height"), ("width",), ("height",), ("area",))
 REAL_REPEATS = 4
+RATE_HZ = 60.0
 
 
 # -- simulated --------------------------------------------------------------------------------------------------------
@@ -42,23 +44,16 @@ def grouped(takes: list[Spoken]) -> dict[str, list[Take]]:
     return {label: [one.take for one in takes if one.utterance == label] for label in UTTERANCES}
 
 
-def recognised(training: list[Spoken], queries: list[Spoken], **settings: object) -> tuple[list[str], list]:
-    """True labels and classifications of takes by the averages of others."""
-    made = averages(grouped(training), channels=settings["channels"], band=settings["band"], rate_hz=RATE_HZ)
-    found = classify_all([one.take for one in queries], made, rate_hz=RATE_HZ, **settings)
-    return [one.utterance for one in queries], found
-
-
-RATE_HZ = 60.0
-
-
 def folds(takes: list[Spoken], part: str) -> list[tuple[list[Spoken], list[Spoken]]]:
     """(training, queries) of a part: one face left out in turn, or the other part's faces."""
     if part == "report":
         training, queries = ([one for one in takes if one.face in faces] for faces in (TUNE_FACES, REPORT_FACES))
         return [(training, queries)]
     return [
-        ([one for one in takes if one.face in TUNE_FACES and one.face != face], [one for one in takes if one.face == face])
+        (
+            [one for one in takes if one.face in TUNE_FACES and one.face != face],
+            [one for one in takes if one.face == face],
+        )
         for face in TUNE_FACES
     ]
 
@@ -66,13 +61,23 @@ def folds(takes: list[Spoken], part: str) -> list[tuple[list[Spoken], list[Spoke
 def simulated_rates(takes: list[Spoken], part: str, channels=CHANNELS, measure: str = "dtw") -> pd.DataFrame:
     """Share recognised: a row for each band, a column for each cost."""
     table = {}
-    for band, cost in itertools.product(BANDS, COSTS):
-        right = []
+    for band in BANDS:
+        right = {cost: [] for cost in COSTS}
         for training, queries in folds(takes, part):
-            labels, found = recognised(training, queries, channels=channels, band=band, cost=cost, measure=measure)
-            right += [one.label == label for label, one in zip(labels, found, strict=True)]
-        table[_of(band), cost] = np.mean(right)
-    return pd.Series(table).unstack(sort=False)
+            made = averages(grouped(training), channels=channels, band=band, rate_hz=RATE_HZ)
+            for cost in COSTS:
+                settings = {"channels": channels, "band": band, "cost": cost, "measure": measure, "rate_hz": RATE_HZ}
+                found = classify_all([one.take for one in queries], made, **settings)
+                right[cost] += [one.label == query.utterance for one, query in zip(found, queries, strict=True)]
+        for cost in COSTS:
+            table[cost, _of(band)] = np.mean(right[cost])
+    return _wide(table)
+
+
+def _wide(table: dict[tuple[str, str], float]) -> pd.DataFrame:
+    """(column, row) -> value as a table, in the order given."""
+    columns = dict.fromkeys(column for column, _ in table)
+    return pd.DataFrame({one: {row: v for (column, row), v in table.items() if column == one} for one in columns})
 
 
 def _of(band: float | None) -> str:
@@ -89,7 +94,6 @@ def real_takes(part: str) -> tuple[list[Take], list[Take], np.ndarray]:
         references.append(piece)
         clip = name.rsplit("_", 1)[0]
         whole = landmarks(clip)
-        whole = utterances.cut(whole, -np.inf, np.inf)
         shift = detected(clip).time_s[0] - whole.time_s[0]
         whole = Take(clip, whole.time_s + shift, {c: _bridged(whole.channels[c]) for c in CHANNELS}, source="mediapipe")
         for repeat in range(REAL_REPEATS):
@@ -110,12 +114,12 @@ def real_rates(made: tuple, channels=CHANNELS, measure: str = "dtw") -> pd.DataF
     for band, cost in itertools.product(BANDS, COSTS):
         found = pairs(repeats, references, channels=channels, band=band, cost=cost, clock="start", rate_hz=50)
         numbers = found.per_step if measure == "dtw" else found.hausdorff
-        table[_of(band), cost] = np.mean(numbers.argmin(axis=1) == of)
-    return pd.Series(table).unstack(sort=False)
+        table[cost, _of(band)] = np.mean(numbers.argmin(axis=1) == of)
+    return _wide(table)
 
 
-def same_clip() -> tuple[int, int, int]:
-    """Second halves of clips whose nearest first half is of the same clip; of how many; how many of the same person."""
+def same_clip() -> tuple[int, int]:
+    """How many second halves of clips are nearest to the first half of the same clip; of how many."""
     halves = [[], []]
     people = []
     for name in clip_names():
@@ -139,3 +143,105 @@ def grid_table() -> pd.DataFrame:
     labels = ["s2, place white in j three please", "s2, set white with p two soon", *(name[5:] for name in names[2:])]
     table = pd.DataFrame(found, index=labels, columns=labels)
     return table.where(~np.eye(len(names), dtype=bool)).rename_axis("GRID clip")
+
+
+# -- tables -----------------------------------------------------------------------------------------------------------
+
+
+def settings_table(takes: list[Spoken], made: tuple, part: str) -> str:
+    """Rates of all bands, costs and channels, simulated and real."""
+    tables = []
+    for measure, sets in (("dtw", CHANNEL_SETS), ("hausdorff", CHANNEL_SETS[:1])):
+        for channels in sets:
+            both = {"simulated": simulated_rates(takes, part, channels, measure)}
+            if made:
+                both["real"] = real_rates(made, channels, measure)
+            for source, rates in both.items():
+                rows = 100 * rates.T
+                what = " + ".join(channels) + (", Hausdorff" if measure == "hausdorff" else "")
+                rows.index = [f"{source}, {what}, {cost}" for cost in rows.index]
+                tables.append(rows)
+    table = pd.concat(tables).rename_axis(f"`{part}`: recognised, %; columns: band")
+    return markdown(table.round(1), 1)
+
+
+def chosen_band(takes: list[Spoken], made: tuple) -> tuple[str, pd.Series]:
+    """The widest band within a standard error of the best mean rate of simulated and real takes, absolute cost."""
+    rates = pd.DataFrame({"simulated": simulated_rates(takes, "tune")[COST], "real": real_rates(made)[COST]})
+    mean = rates.mean(axis=1)
+    counts = {"simulated": sum(one.face in TUNE_FACES for one in takes), "real": len(made[1])}
+    best = rates.loc[mean.idxmax()]
+    error = np.sqrt(sum(best[name] * (1 - best[name]) / n for name, n in counts.items())) / 2
+    order = sorted((name for name in mean.index if name != "none"), key=float)
+    return [name for name in order if mean[name] >= mean.max() - error][-1], mean
+
+
+def confusions(takes: list[Spoken], channels=CHANNELS) -> tuple[pd.DataFrame, float]:
+    """Held-out takes by the default settings: true utterance in rows, found one in columns; and the share right."""
+    ((training, queries),) = folds(takes, "report")
+    made = averages(grouped(training), channels=channels, rate_hz=RATE_HZ)
+    found = classify_all([one.take for one in queries], made, channels=channels, rate_hz=RATE_HZ)
+    table = confusion([one.utterance for one in queries], found)
+    table = table.loc[list(UTTERANCES), list(UTTERANCES)]
+    return table, float(np.trace(table.to_numpy()) / table.to_numpy().sum())
+
+
+def by_level(takes: list[Spoken]) -> pd.Series:
+    """Share of held-out takes recognised at each level of stickiness."""
+    ((training, queries),) = folds(takes, "report")
+    made = averages(grouped(training), rate_hz=RATE_HZ)
+    found = classify_all([one.take for one in queries], made, rate_hz=RATE_HZ)
+    right = [one.label == query.utterance for one, query in zip(found, queries, strict=True)]
+    return pd.Series(right).groupby([query.level for query in queries]).mean()
+
+
+def held_out(takes: list[Spoken], made: tuple) -> str:
+    """Recognition of the `report` part by the defaults."""
+    table, share = confusions(takes)
+    _, by_height = confusions(takes, ("height",))
+    levels = ", ".join(f"{100 * rate:.0f} % at level {level:g}" for level, rate in by_level(takes).items())
+    table.index.name = "spoken by faces that no average has seen; columns: found"
+    text = f"Simulated: {100 * share:.0f} % of {table.to_numpy().sum()} right, one in {len(UTTERANCES)} by chance;\n"
+    text += f"{levels}; by the height alone {100 * by_height:.0f} %.\n\n{markdown(table, 0)}"
+    if not made:
+        return text
+    references, repeats, of = made
+    rows = {}
+    for channels in (CHANNELS, ("height",)):
+        found = pairs(repeats, references, channels=channels, clock="start", rate_hz=50).per_step.argmin(axis=1)
+        clips = np.array([one.name.rsplit("_", 1)[0] for one in references])
+        rows[" + ".join(channels)] = {
+            "own piece": f"{(found == of).sum()}",
+            "another piece of the same clip": f"{((found != of) & (clips[found] == clips[of])).sum()}",
+            "another clip": f"{(clips[found] != clips[of]).sum()}",
+        }
+    table = pd.DataFrame(rows).T
+    table.index.name = f"real: what {len(repeats)} repeats of {len(references)} pieces were taken for"
+    right, count = same_clip()
+    text += f"\n{markdown(table, 0)}\nOther words of the same person: {count} clips were cut into halves; the first 1.4 s of a second\n"
+    text += f"half were nearest to those of the clip's own first half in {right} (1 by chance).\n"
+    return text + "\nDistance per step between GRID sentences (all different):\n\n" + markdown(grid_table(), 3)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--write", action="store_true", help="write the section of RESULTS.md")
+    arguments = parser.parse_args()
+    takes = utterances.spoken((*TUNE_FACES, *REPORT_FACES))
+    real = {part: real_takes(part) if reference.reference_folder() else () for part in ("tune", "report")}
+    text = "## Recognition\n\n`python benchmarks/recognition.py --write`; what is what stands at its head.\n"
+    if real["tune"]:
+        band, mean = chosen_band(takes, real["tune"])
+        rates = ", ".join(f"{name} {100 * rate:.1f}" for name, rate in mean.items())
+        text += f"Defaults: band {BAND:g}, {COST} cost. The widest band within a standard error of the best on `tune`\n"
+        text += f"is {band} (mean of simulated and real, three channels, %: {rates}).\n"
+    for part in ("tune", "report"):
+        text += f"\n### Band and local cost, `{part}`\n\n{settings_table(takes, real[part], part)}"
+    text += f"\n### Held-out takes, defaults\n\n{held_out(takes, real['report'])}"
+    print(text)
+    if arguments.write:
+        write_section("recognition", text)
+
+
+if __name__ == "__main__":
+    main()

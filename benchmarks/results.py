@@ -9,7 +9,7 @@ from pathlib import Path
 import pandas as pd
 
 RESULTS = Path(__file__).with_name("RESULTS.md")
-SECTIONS = ("accuracy", "speed", "solver", "mouth", "findings", "compare")
+SECTIONS = ("accuracy", "speed", "solver", "mouth", "findings", "compare", "recognition", "likeness")
 
 
 def markdown(table: pd.DataFrame, decimals: int = 2) -> str:

@@ -80,7 +80,12 @@ class Spoken:
     take: Take
 
 
-def spoken(faces: Sequence[str], utterances: Sequence[str] = UTTERANCES, levels: Sequence[float] = LEVELS, repeats: int = REPEATS) -> list[Spoken]:
+def spoken(
+    faces: Sequence[str],
+    utterances: Sequence[str] = UTTERANCES,
+    levels: Sequence[float] = LEVELS,
+    repeats: int = REPEATS,
+) -> list[Spoken]:
     """Takes of all combinations, each with a timing, strength and noise of its own."""
     found = []
     for face in faces:
