@@ -3,10 +3,10 @@
     LIPMETRICS_BENCHMARK_CACHE=out python benchmarks/likeness.py --write
 
 Thesis figures 5.37 to 5.42 with simulated mouths. A hidden scene plays the real mouth: another face, other saliva,
-another jaw than the models have. Its video is rendered and measured by the detector, as a recording would be. The models
-have the average face and the built-in saliva, sticky and not, from their truth as a mesh would give it. An animator sees
-in a recording when the jaw moves and how far the mouth is open at last, so both models' jaws have the hidden one's
-timing, and go as far as the non-sticky model needs to end at the recording's height.
+another jaw than the models have. Its video is rendered and measured by the detector, as a recording would be. The
+models have the average face and the built-in saliva, sticky and not, from their truth as a mesh would give it. An
+animator sees in a recording when the jaw moves and how far the mouth is open at last, so both models' jaws have the
+hidden one's timing, and go as far as the non-sticky model needs to end at the recording's height.
 
 The second part changes reference clips in ways that should not matter (speed, size, frame rate, compression), measures
 them anew, and sets the distance from the clip itself beside the distances between clips.

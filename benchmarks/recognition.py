@@ -25,7 +25,7 @@ import utterances
 from results import markdown, write_section
 from utterances import REPORT_FACES, TUNE_FACES, UTTERANCES, Spoken, clip_names, detected, landmarks, seeded
 
-from lipmetrics.compare import BAND, COST, averages, classify_all, confusion
+from lipmetrics.compare import COST, RECOGNITION_BAND, averages, classify_all, confusion
 from lipmetrics.compare.pairs import pairs
 from lipmetrics.take import CHANNELS, Take
 
@@ -131,7 +131,8 @@ def same_clip() -> tuple[int, int]:
                 start = one.time_s[0]
                 side.append(utterances.cut(one, start, start + 1.4))
             people.append(name)
-    found = pairs(halves[1], halves[0], clock="start", rate_hz=50).per_step.argmin(axis=1)
+    settings = {"band": RECOGNITION_BAND, "clock": "start", "rate_hz": 50}
+    found = pairs(halves[1], halves[0], **settings).per_step.argmin(axis=1)
     return int((found == np.arange(len(people))).sum()), len(people)
 
 
@@ -208,7 +209,8 @@ def held_out(takes: list[Spoken], made: tuple) -> str:
     references, repeats, of = made
     rows = {}
     for channels in (CHANNELS, ("height",)):
-        found = pairs(repeats, references, channels=channels, clock="start", rate_hz=50).per_step.argmin(axis=1)
+        settings = {"band": RECOGNITION_BAND, "clock": "start", "rate_hz": 50}
+        found = pairs(repeats, references, channels=channels, **settings).per_step.argmin(axis=1)
         clips = np.array([one.name.rsplit("_", 1)[0] for one in references])
         rows[" + ".join(channels)] = {
             "own piece": f"{(found == of).sum()}",
@@ -233,7 +235,7 @@ def main() -> None:
     if real["tune"]:
         band, mean = chosen_band(takes, real["tune"])
         rates = ", ".join(f"{name} {100 * rate:.1f}" for name, rate in mean.items())
-        text += f"Defaults: band {BAND:g}, {COST} cost. The widest band within a standard error of the best on `tune`\n"
+        text += f"Defaults: band {RECOGNITION_BAND:g}, {COST} cost. The widest band within a standard error of the best on `tune`\n"
         text += f"is {band} (mean of simulated and real, three channels, %: {rates}).\n"
     for part in ("tune", "report"):
         text += f"\n### Band and local cost, `{part}`\n\n{settings_table(takes, real[part], part)}"

@@ -2,7 +2,7 @@
 
 from lipmetrics.compare.alignment import Alignment, align
 from lipmetrics.compare.averages import Average, average, averages, load_average
-from lipmetrics.compare.classes import Classification, classify, classify_all, confusion
+from lipmetrics.compare.classes import RECOGNITION_BAND, Classification, classify, classify_all, confusion
 from lipmetrics.compare.curves import Curve, as_curve
 from lipmetrics.compare.distances import L2, Hausdorff, aligned_hausdorff, aligned_l2, hausdorff, l2
 from lipmetrics.compare.pairs import Pairs, pairs
@@ -12,6 +12,7 @@ from lipmetrics.compare.warping import BAND, COST, dtw_path
 __all__ = [
     "BAND",
     "COST",
+    "RECOGNITION_BAND",
     "L2",
     "Alignment",
     "Average",
