@@ -26,13 +26,14 @@ from results import markdown, write_section
 from utterances import REPORT_FACES, TUNE_FACES, UTTERANCES, Spoken, clip_names, detected, landmarks, seeded
 
 from lipmetrics.compare import COST, RECOGNITION_BAND, averages, classify_all, confusion
+from lipmetrics.compare.classes import MEASURES, of_measure
 from lipmetrics.compare.pairs import pairs
 from lipmetrics.take import CHANNELS, Take
 
-BANDS = (None, 0.0, 0.02, 0.05, 0.1, 0.2, 0.3)
+BANDS = (None, 0.0, 0.02, 0.05, 0.1, 0.2)
 COSTS = ("absolute", "squared")
-CHANNEL_SETS = (CHANNELS, ("width", "height"), ("width",), ("height",), ("area",))
-REAL_REPEATS = 4
+CHANNEL_SETS = (CHANNELS, ("width",), ("height",), ("area",))
+REAL_REPEATS = 3
 RATE_HZ = 60.0
 
 
@@ -58,20 +59,22 @@ def folds(takes: list[Spoken], part: str) -> list[tuple[list[Spoken], list[Spoke
     ]
 
 
-def simulated_rates(takes: list[Spoken], part: str, channels=CHANNELS, measure: str = "dtw") -> pd.DataFrame:
-    """Share recognised: a row for each band, a column for each cost."""
-    table = {}
+def simulated_rates(takes: list[Spoken], part: str, channels=CHANNELS) -> dict[str, pd.DataFrame]:
+    """Measure -> share recognised: a row for each band, a column for each cost."""
+    table = {measure: {} for measure in MEASURES}
     for band in BANDS:
-        right = {cost: [] for cost in COSTS}
+        right = {key: [] for key in itertools.product(MEASURES, COSTS)}
         for training, queries in folds(takes, part):
             made = averages(grouped(training), channels=channels, band=band, rate_hz=RATE_HZ)
+            true = np.array([list(made).index(one.utterance) for one in queries])
             for cost in COSTS:
-                settings = {"channels": channels, "band": band, "cost": cost, "measure": measure, "rate_hz": RATE_HZ}
-                found = classify_all([one.take for one in queries], made, **settings)
-                right[cost] += [one.label == query.utterance for one, query in zip(found, queries, strict=True)]
-        for cost in COSTS:
-            table[cost, _of(band)] = np.mean(right[cost])
-    return _wide(table)
+                settings = {"channels": channels, "band": band, "cost": cost, "clock": "start", "rate_hz": RATE_HZ}
+                found = pairs([one.take for one in queries], list(made.values()), **settings)
+                for measure in MEASURES:
+                    right[measure, cost] += list(of_measure(found, measure).argmin(axis=1) == true)
+        for (measure, cost), hits in right.items():
+            table[measure][cost, _of(band)] = np.mean(hits)
+    return {measure: _wide(rates) for measure, rates in table.items()}
 
 
 def _wide(table: dict[tuple[str, str], float]) -> pd.DataFrame:
@@ -107,15 +110,15 @@ def _bridged(values: np.ndarray) -> np.ndarray:
     return np.interp(np.arange(len(values)), np.flatnonzero(known), values[known])
 
 
-def real_rates(made: tuple, channels=CHANNELS, measure: str = "dtw") -> pd.DataFrame:
-    """Share of repeats whose nearest reference is their own: a row for each band, a column for each cost."""
+def real_rates(made: tuple, channels=CHANNELS) -> dict[str, pd.DataFrame]:
+    """Measure -> share of repeats whose nearest reference is their own: a row for each band, a column for each cost."""
     references, repeats, of = made
-    table = {}
+    table = {measure: {} for measure in MEASURES}
     for band, cost in itertools.product(BANDS, COSTS):
         found = pairs(repeats, references, channels=channels, band=band, cost=cost, clock="start", rate_hz=50)
-        numbers = found.per_step if measure == "dtw" else found.hausdorff
-        table[cost, _of(band)] = np.mean(numbers.argmin(axis=1) == of)
-    return _wide(table)
+        for measure in MEASURES:
+            table[measure][cost, _of(band)] = np.mean(of_measure(found, measure).argmin(axis=1) == of)
+    return {measure: _wide(rates) for measure, rates in table.items()}
 
 
 def same_clip() -> tuple[int, int]:
@@ -149,30 +152,40 @@ def grid_table() -> pd.DataFrame:
 # -- tables -----------------------------------------------------------------------------------------------------------
 
 
-def settings_table(takes: list[Spoken], made: tuple, part: str) -> str:
+def every_rate(takes: list[Spoken], made: tuple, part: str) -> dict:
+    """(source, channels, measure) -> rates by band and cost."""
+    rates = {}
+    for channels in CHANNEL_SETS:
+        found = {"simulated": simulated_rates(takes, part, channels)}
+        if made:
+            found["real"] = real_rates(made, channels)
+        for source, of_source in found.items():
+            rates |= {(source, channels, measure): table for measure, table in of_source.items()}
+    return rates
+
+
+def settings_table(rates: dict, part: str) -> str:
     """Rates of all bands, costs and channels, simulated and real."""
     tables = []
-    for measure, sets in (("dtw", CHANNEL_SETS), ("hausdorff", CHANNEL_SETS[:1])):
-        for channels in sets:
-            both = {"simulated": simulated_rates(takes, part, channels, measure)}
-            if made:
-                both["real"] = real_rates(made, channels, measure)
-            for source, rates in both.items():
-                rows = 100 * rates.T
-                what = " + ".join(channels) + (", Hausdorff" if measure == "hausdorff" else "")
-                rows.index = [f"{source}, {what}, {cost}" for cost in rows.index]
-                tables.append(rows)
-    table = pd.concat(tables).rename_axis(f"`{part}`: recognised, %; columns: band")
-    return markdown(table.round(1), 1)
+    for (source, channels, measure), table in rates.items():
+        if measure == "hausdorff" and channels != CHANNELS:
+            continue
+        rows = 100 * table.T
+        what = " + ".join(channels) + (", Hausdorff" if measure == "hausdorff" else "")
+        rows.index = [f"{source}, {what}, {cost}" for cost in rows.index]
+        tables.append(rows)
+    return markdown(pd.concat(tables).rename_axis(f"`{part}`: recognised, %; columns: band").round(1), 1)
 
 
-def chosen_band(takes: list[Spoken], made: tuple) -> tuple[str, pd.Series]:
-    """The widest band within a standard error of the best mean rate of simulated and real takes, absolute cost."""
-    rates = pd.DataFrame({"simulated": simulated_rates(takes, "tune")[COST], "real": real_rates(made)[COST]})
-    mean = rates.mean(axis=1)
-    counts = {"simulated": sum(one.face in TUNE_FACES for one in takes), "real": len(made[1])}
-    best = rates.loc[mean.idxmax()]
-    error = np.sqrt(sum(best[name] * (1 - best[name]) / n for name, n in counts.items())) / 2
+def chosen_band(rates: dict, counts: dict[str, int]) -> tuple[str, pd.Series]:
+    """The widest band within a standard error of the best mean rate of simulated and real takes, absolute cost.
+
+    counts : source -> number of takes that the rates are of
+    """
+    by_source = pd.DataFrame({source: rates[source, CHANNELS, "dtw"][COST] for source in counts})
+    mean = by_source.mean(axis=1)
+    best = by_source.loc[mean.idxmax()]
+    error = np.sqrt(sum(best[source] * (1 - best[source]) / count for source, count in counts.items())) / len(counts)
     order = sorted((name for name in mean.index if name != "none"), key=float)
     return [name for name in order if mean[name] >= mean.max() - error][-1], mean
 
@@ -220,7 +233,8 @@ def held_out(takes: list[Spoken], made: tuple) -> str:
     table = pd.DataFrame(rows).T
     table.index.name = f"real: what {len(repeats)} repeats of {len(references)} pieces were taken for"
     right, count = same_clip()
-    text += f"\n{markdown(table, 0)}\nOther words of the same person: {count} clips were cut into halves; the first 1.4 s of a second\n"
+    text += f"\n{markdown(table, 0)}\nOther words of the same person: {count} clips were cut into halves;"
+    text += " the first 1.4 s of a second\n"
     text += f"half were nearest to those of the clip's own first half in {right} (1 by chance).\n"
     return text + "\nDistance per step between GRID sentences (all different):\n\n" + markdown(grid_table(), 3)
 
@@ -231,14 +245,16 @@ def main() -> None:
     arguments = parser.parse_args()
     takes = utterances.spoken((*TUNE_FACES, *REPORT_FACES))
     real = {part: real_takes(part) if reference.reference_folder() else () for part in ("tune", "report")}
+    rates = {part: every_rate(takes, real[part], part) for part in ("tune", "report")}
     text = "## Recognition\n\n`python benchmarks/recognition.py --write`; what is what stands at its head.\n"
     if real["tune"]:
-        band, mean = chosen_band(takes, real["tune"])
-        rates = ", ".join(f"{name} {100 * rate:.1f}" for name, rate in mean.items())
+        counts = {"simulated": sum(one.face in TUNE_FACES for one in takes), "real": len(real["tune"][1])}
+        band, mean = chosen_band(rates["tune"], counts)
+        means = ", ".join(f"{name} {100 * rate:.1f}" for name, rate in mean.items())
         text += f"Defaults: band {RECOGNITION_BAND:g}, {COST} cost. The widest band within a standard error of the best on `tune`\n"
-        text += f"is {band} (mean of simulated and real, three channels, %: {rates}).\n"
+        text += f"is {band} (mean of simulated and real, three channels, %: {means}).\n"
     for part in ("tune", "report"):
-        text += f"\n### Band and local cost, `{part}`\n\n{settings_table(takes, real[part], part)}"
+        text += f"\n### Band and local cost, `{part}`\n\n{settings_table(rates[part], part)}"
     text += f"\n### Held-out takes, defaults\n\n{held_out(takes, real['report'])}"
     print(text)
     if arguments.write:

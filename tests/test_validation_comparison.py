@@ -40,8 +40,11 @@ def older():
 @pytest.mark.parametrize("scene", SCENES)
 def test_sticky_model_is_nearer_to_a_sticky_mouth(older, scene):
     table = likeness.likeness(*older[scene])
-    assert (table["sticky"] < table["non-sticky"]).all(), table
-    assert (table.loc["width", "sticky"] < 0.5 * table.loc["width", "non-sticky"]).all(), table
+    for (
+        channel
+    ) in utterances.CHANNELS:  # as they are; after alignment faces' sizes count for more than saliva in the area
+        assert table.loc[(channel, "L2"), "sticky"] < 0.75 * table.loc[(channel, "L2"), "non-sticky"], table
+    assert (table.loc["width", "sticky"] < 0.7 * table.loc["width", "non-sticky"]).all(), table
 
 
 def test_width_jumps_where_two_openings_merge(older):
