@@ -5,8 +5,8 @@
 Settings are compared on the part `tune` and judged on the part `report`: other faces and seeds, other people.
 
 - Simulated: six utterances, spoken by twelve faces, at four levels of stickiness, twice each, with timings, strengths
-  and noise of their own (utterances.py). A take is compared with the average of each utterance. `tune`: averages of five
-  faces recognise the sixth, in turn. `report`: averages of the six `tune` faces recognise the six others.
+  and noise of their own (utterances.py). A take is compared with the average of each utterance. `tune`: averages of
+  five faces recognise the sixth, in turn. `report`: averages of the six `tune` faces recognise the six others.
 - Real: nobody says anything twice in the reference clips. So a repeat is made of what is there: a piece of 2.5 s as
   the detector measured it is the reference; the same piece as MediaPipe measured it, put through a seeded warp of
   its timing and cut a little elsewhere, is what is to be recognised among all pieces of its part. Differences of
@@ -251,8 +251,8 @@ def main() -> None:
         counts = {"simulated": sum(one.face in TUNE_FACES for one in takes), "real": len(real["tune"][1])}
         band, mean = chosen_band(rates["tune"], counts)
         means = ", ".join(f"{name} {100 * rate:.1f}" for name, rate in mean.items())
-        text += f"Defaults: band {RECOGNITION_BAND:g}, {COST} cost. The widest band within a standard error of the best on `tune`\n"
-        text += f"is {band} (mean of simulated and real, three channels, %: {means}).\n"
+        text += f"Defaults: band {RECOGNITION_BAND:g}, {COST} cost. The widest band within a standard error of the best"
+        text += f" on `tune`\nis {band} (mean of simulated and real, three channels, %: {means}).\n"
     for part in ("tune", "report"):
         text += f"\n### Band and local cost, `{part}`\n\n{settings_table(rates[part], part)}"
     text += f"\n### Held-out takes, defaults\n\n{held_out(takes, real['report'])}"

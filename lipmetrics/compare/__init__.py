@@ -12,8 +12,8 @@ from lipmetrics.compare.warping import BAND, COST, dtw_path
 __all__ = [
     "BAND",
     "COST",
-    "RECOGNITION_BAND",
     "L2",
+    "RECOGNITION_BAND",
     "Alignment",
     "Average",
     "Classification",
