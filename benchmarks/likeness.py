@@ -137,7 +137,7 @@ def model_takes(name: str, who: Hidden, real: Take, resolution: str = "medium") 
     way_m = fitted_way_m(name, who, float(np.median(real.channels["height"][-5:])), resolution)
     takes = {}
     for label, level in MODELS.items():
-        key = f"model_{name}_{who.face}_{level:g}_{resolution}"
+        key = f"model_{name}_{who.face}_{level:g}_{1e6 * way_m:.0f}_{resolution}"
         takes[label] = utterances.kept(key, lambda: truth_take(model_scene(name, level, who, way_m, resolution), label))  # noqa: B023
     return takes
 

@@ -167,4 +167,5 @@ def test_a_clip_measured_anew_is_far_nearer_to_itself_than_clips_are_to_one_anot
     for name in names:
         for change in others:
             distance = likeness.against(takes[name][first], takes[name][change])["DTW, height"]
-            assert distance < (0.25 if "38" not in change else 0.75) * np.median(between), (name, change)
+            hard = change in ("H.264, crf 38", "half the size, half the frame rate, crf 28")
+            assert distance < (0.75 if hard else 0.3) * np.median(between), (name, change)
