@@ -135,6 +135,28 @@ def test_folds_keep_faces_apart():
             assert {one.face for one in training} <= set(utterances.TUNE_FACES)
 
 
+def test_recognition_has_the_chosen_band():
+    bump = np.exp(-(np.linspace(-3, 3, 100) ** 2))
+    late = take(np.roll(bump, 8))
+    averages = {"a": take(bump)}
+    default = recognition.classify_all([late], averages)[0].distances
+    chosen, wide = (recognition.classify_all([late], averages, band=band)[0].distances for band in (0.05, 0.1))
+    assert default == chosen
+    assert default > wide
+
+
+def test_chosen_band_is_the_widest_within_a_standard_error_of_the_best():
+    rates = {
+        (source, utterances.CHANNELS, "dtw"): recognition._wide(
+            {("absolute", band): rate for band, rate in zip(("none", "0", "0.05", "0.1"), values, strict=True)}
+        )
+        for source, values in {"simulated": (0.5, 0.62, 0.61, 0.6), "real": (0.3, 0.60, 0.58, 0.5)}.items()
+    }
+    # best mean 0.61; standard error sqrt(0.62 0.38 / 300 + 0.6 0.4 / 300) / 2 = 0.020; means 0.595 and 0.55 beyond
+    assert recognition.chosen_band(rates, {"simulated": 300, "real": 300})[0] == "0.05"
+    assert recognition.chosen_band(rates, {"simulated": 30000, "real": 30000})[0] == "0"
+
+
 @pytest.mark.slow
 def test_utterances_of_unseen_faces_are_recognised_well_above_chance():
     training = utterances.spoken(("average", "older", "cupid"), levels=(0.0, 7.0), repeats=1)
