@@ -15,8 +15,9 @@ _compiling = pytest.StashKey[subprocess.Popen]()
 
 
 def _place(item) -> int:
-    name = item.path.name
-    return max((len(start), place) for place, start in enumerate(FIRST_TO_LAST) if name.startswith(start))[1]
+    """By the longest beginning that fits the file's name."""
+    fitting = [start for start in FIRST_TO_LAST if item.path.name.startswith(start)]
+    return FIRST_TO_LAST.index(max(fitting, key=len, default=FIRST_TO_LAST[0]))
 
 
 def pytest_collection_modifyitems(items):
