@@ -9,7 +9,10 @@ from pathlib import Path
 import pandas as pd
 
 RESULTS = Path(__file__).with_name("RESULTS.md")
-SECTIONS = ("accuracy", "speed", "solver", "mouth", "findings", "compare", "study")
+SECTIONS = (
+    *("accuracy", "speed", "solver", "mouth", "findings"),
+    *("compare", "recognition", "likeness", "study"),
+)
 
 
 def markdown(table: pd.DataFrame, decimals: int = 2) -> str:

@@ -82,7 +82,7 @@ def run_protocol(arguments: argparse.Namespace) -> dict:
 
 
 def run_segment(arguments: argparse.Namespace) -> dict:
-    """`corpus segment`: calls `corpus_tools.segment.segment`; without --cuts it is to propose them."""
+    """`corpus segment`: calls `corpus_tools.segment.segment`, which proposes cuts where there is no list."""
     from corpus_tools.protocol import load_protocol
 
     segment = _function("segment", "segment")
@@ -95,6 +95,7 @@ def run_segment(arguments: argparse.Namespace) -> dict:
         speaker=arguments.speaker,
         mark_s=arguments.mark,
         overwrite=arguments.overwrite,
+        crf=arguments.crf,
         progress=sys.stderr.isatty(),
     )
 
@@ -139,8 +140,19 @@ def run_average(arguments: argparse.Namespace) -> dict:
     write_report = _function("report", "write_report")
     prepare(Path(arguments.out))
     return write_report(
-        arguments.store, arguments.out, by=arguments.by, parquet=arguments.parquet, progress=sys.stderr.isatty()
+        arguments.store,
+        arguments.out,
+        by=arguments.by,
+        template=_template(arguments) if Path(arguments.store).is_dir() else None,
+        parquet=arguments.parquet,
+        progress=sys.stderr.isatty(),
     )
+
+
+def _template(arguments: argparse.Namespace):
+    from corpus_tools.naming import Template
+
+    return _protocol(arguments).template if arguments.template is None else Template(arguments.template)
 
 
 def _reading(arguments: argparse.Namespace) -> Reading:
@@ -246,13 +258,20 @@ def _add_segment(verbs, prog: str) -> None:
     )
     verb.add_argument("take", metavar="VIDEO", help="the long take")
     verb.add_argument("-o", "--out", required=True, metavar="DIR", help="folder for the clips, made if needed")
-    verb.add_argument("--cuts", metavar="CSV", help="start_s, stop_s and the fields of the names; without it: proposed")
+    what = verb.add_mutually_exclusive_group()
+    what.add_argument("--cuts", metavar="CSV", help="start_s, stop_s and the fields of the names, or the page's log")
+    what.add_argument("--propose", action="store_true", help="only write a cut list to check; so it is without --cuts")
     verb.add_argument("--protocol", metavar="TOML", help="names and lengths of the clips, if not the built-in protocol")
     verb.add_argument("--speaker", metavar="NAME", help="whose take it is, where the cuts are proposed")
-    verb.add_argument(
-        "--mark", type=_from_zero, default=0.0, metavar="S", help="time of the page's mark in the take, s"
-    )
+    verb.add_argument("--mark", type=_from_zero, metavar="S", help="time of the page's mark in the take, s")
     verb.add_argument("--overwrite", action="store_true", help="replace clips that are there")
+    verb.add_argument(
+        "--crf",
+        type=_rate_factor,
+        metavar="N",
+        help="encode with this loss, 1 (little) to 51, where a clip cannot be copied; smaller, but measures a little "
+        "differently; without it lossless",
+    )
 
 
 def _add_index(verbs, prog: str) -> None:
@@ -293,9 +312,13 @@ def _add_average(verbs, prog: str) -> None:
         "average profiles of a store with their spread, as a report with tables",
         f"{prog} average corpus.h5 -o report",
     )
-    verb.add_argument("store", metavar="STORE.h5", help="from 'corpus run'")
+    verb.add_argument("store", metavar="STORE.h5", help="from 'corpus run'; or a folder of profiles")
     verb.add_argument("-o", "--out", required=True, metavar="DIR", help="folder for the report and the tables")
-    verb.add_argument("--by", nargs="+", metavar="FIELD", help="average over clips that agree in these fields")
+    verb.add_argument(
+        "--by", nargs="+", metavar="FIELD", help="average clips that agree in these; the last one is drawn as levels"
+    )
+    verb.add_argument("--template", metavar="TEXT", help="names of the profiles of a folder")
+    verb.add_argument("--protocol", metavar="TOML", help="whose template it is, if not the built-in protocol's")
     verb.add_argument("--parquet", action="store_true", help="tables as Parquet too (needs the extra)")
 
 
@@ -314,6 +337,13 @@ def _add_verb(verbs, name: str, run, what: str, example: str) -> argparse.Argume
     verb = add_verb(verbs, name, run, what, example)
     verb.set_defaults(verb=name)
     return verb
+
+
+def _rate_factor(text: str) -> int:
+    value = count(text)
+    if value > 51:
+        raise argparse.ArgumentTypeError(f"expected a whole number from 1 to 51, got '{text}'")
+    return value
 
 
 def _from_zero(text: str) -> float:

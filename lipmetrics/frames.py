@@ -109,6 +109,11 @@ class Frame:
         self._reformatter = reformatter
         self._whole: np.ndarray | None = None
 
+    @property
+    def picture(self) -> av.VideoFrame:
+        """The picture as it was decoded: in its own pixel format, not turned."""
+        return self._picture
+
     def rgb(self, region: tuple[int, int, int, int] | None = None) -> np.ndarray:
         """The picture, or only the region (row0, row1, col0, col1) of it, as a new (h, w, 3) uint8 RGB array.
 
@@ -279,7 +284,7 @@ def _check_size(path: Path, width: int, height: int) -> None:
 
 def _open_video(path: Path, span: tuple[float, float], every: int) -> FrameSource:
     notes = _Notes()
-    with _video(path) as (container, stream):
+    with open_video(path) as (container, stream):
         first = next(_decoded(container, stream, _packets(container, stream, _Notes()), _Notes()), None)
         if first is None:
             raise InputError(f"expected at least one picture in {path}, but none can be decoded; check the recording")
@@ -327,8 +332,8 @@ def _duration_s(container: av.container.InputContainer, stream: av.VideoStream) 
 
 
 @contextmanager
-def _video(path: Path) -> Iterator[tuple[av.container.InputContainer, av.VideoStream]]:
-    """The opened file and its moving picture, closed afterwards."""
+def open_video(path: Path) -> Iterator[tuple[av.container.InputContainer, av.VideoStream]]:
+    """The opened file and its moving picture, closed afterwards; InputError if there is none."""
     if path.stat().st_size == 0:
         raise InputError(f"expected a video, but {path} is empty (0 bytes); copy or record it again")
     try:
@@ -356,14 +361,14 @@ def _read_video(
     notes: _Notes, path: Path, start_s: float, step_s: float, first_pts: int | None
 ) -> Iterator[tuple[int, float, av.VideoFrame]]:
     if start_s > 0:
-        with _video(path) as (container, stream):
+        with open_video(path) as (container, stream):
             stream.thread_type = "AUTO"
             jumped = _jump(container, stream, start_s, first_pts, notes)
             if jumped is not None:
                 index, pictures = jumped
                 yield from _timed(_stamped(container, stream, pictures, notes), step_s, index, notes)
                 return
-    with _video(path) as (container, stream):
+    with open_video(path) as (container, stream):
         stream.thread_type = "AUTO"
         pictures = _decoded(container, stream, _packets(container, stream, notes), notes)
         yield from _timed(_stamped(container, stream, pictures, notes), step_s, 0, notes)

@@ -34,6 +34,11 @@ FROZEN, REST, AXES = LAST + 12, LAST + 24, LAST + 36
 IDLE, NORMAL, STIFF, HOLDS, STRETCH = LAST + 42, LAST + 43, LAST + 46, LAST + 50, LAST + 54
 MEMORY = LAST + 58
 
+# As in kernels.py; the two that are called from Python keep their door for it.
+_whole = njit(no_cfunc_wrapper=True)
+_inner = njit(no_cpython_wrapper=True, no_cfunc_wrapper=True)
+_inlined = njit(forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+
 
 class Film(NamedTuple):
     """Saliva elements, sorted by the part that visits them.
@@ -79,7 +84,7 @@ class Film(NamedTuple):
     divided: int
 
 
-@njit(forceinline=True)
+@_inlined
 def traction(J, Q, G, K):
     """Coefficients a, b of the traction a s + b n of a stretch s = J n + shear, Q = s . s, Pa.
 
@@ -91,7 +96,7 @@ def traction(J, Q, G, K):
     return a, K * (J - 1.0) - a * (2.0 + Q) / (3.0 * bounded)
 
 
-@njit(forceinline=True)
+@_inlined
 def _inverse_cbrt(x):
     """x^(-1/3), near 1 to a rounding error or two from its series and one step of Householder's method."""
     d = x - 1.0
@@ -102,7 +107,7 @@ def _inverse_cbrt(x):
     return y + y * e * (1.0 / 3.0 + e * (2.0 / 9.0 + e * (14.0 / 81.0)))
 
 
-@njit
+@_whole
 def pull_film(film, nodes, part, elapsed, dt):
     """Add the forces of one part's saliva to its nodes' internal forces; return its work over the last increment, J.
 
@@ -216,7 +221,7 @@ def pull_film(film, nodes, part, elapsed, dt):
     return work
 
 
-@njit
+@_whole
 def ease_film(film, nodes, part, keep, dt):
     """Give the two ends of stiff struts inertia against moving relative to each other; return what it takes, J.
 
@@ -275,20 +280,20 @@ def ease_film(film, nodes, part, keep, dt):
     return work
 
 
-@njit(forceinline=True)
+@_inlined
 def _pull_apart(nodes, of_low, of_up, low, up, axis):
     """By how much the forces on the ends of a strut shorten their difference in a step, m."""
     return _compliance(nodes, up, axis) * of_up[up, axis] - _compliance(nodes, low, axis) * of_low[low, axis]
 
 
-@njit(forceinline=True)
+@_inlined
 def _compliance(nodes, node, axis):
     """As kernels.Nodes has it, but 0 where the displacement is prescribed."""
     c = np.float64(nodes.compliance[node, axis])
     return c if c != 1.0 else 0.0
 
 
-@njit(forceinline=True)
+@_inlined
 def _strut(film, nodes, f, k):
     """Twice the middle of strut k of element f, m, and the strut over its length at rest."""
     u, rest, low, up = nodes.u, nodes.rest, film.lower[f, k], film.upper[f, k]
@@ -297,7 +302,7 @@ def _strut(film, nodes, f, k):
     return _plus(p, q), _times(1.0 / film.length[f, k], _minus(q, p))
 
 
-@njit(forceinline=True)
+@_inlined
 def _settle(memory, f, k, a, b, e, J, share):
     """Let the rest of a strut follow where it lies by a share of the way; squeezed it gives way at once."""
     at = REST + 3 * k
@@ -306,14 +311,14 @@ def _settle(memory, f, k, a, b, e, J, share):
     memory[f, at + 2] = max(0.0, min(J - 1.0, memory[f, at + 2] + share * (J - 1.0 - memory[f, at + 2])))
 
 
-@njit(forceinline=True)
+@_inlined
 def _stretch(memory, f, k, inverse, a, b, e, J):
     """Shears and normal stretch of a strut's glue from where it is at rest."""
     at = REST + 3 * k
     return inverse * (_dot(a, e) - memory[f, at]), inverse * (_dot(b, e) - memory[f, at + 1]), J - memory[f, at + 2]
 
 
-@njit
+@_inner
 def _freeze(memory, f, n):
     """Keep the forces at the break; where the film is squeezed contact goes on, and glue has no force to leave."""
     for k in range(4):
@@ -323,7 +328,7 @@ def _freeze(memory, f, n):
             memory[f, FROZEN + i] = memory[f, LAST + i] if pulled else 0.0
 
 
-@njit(forceinline=True)
+@_inlined
 def _tractions(J, glue, g_a, g_b, share, G, K, area):
     """Forces of a strut along n, a and b, N: its share of the glue's, and contact for the rest; and its area times the
     slope of the traction over J, N."""
@@ -340,13 +345,13 @@ def _tractions(J, glue, g_a, g_b, share, G, K, area):
     return area * across, area * along, area * aside, area * stiff
 
 
-@njit(forceinline=True)
+@_inlined
 def _moments(arm, n, a, b, e, across, along, aside):
     e_n, e_a, e_b = _dot(n, e), _dot(a, e), _dot(b, e)
     return arm * (along * e_n - across * e_a), arm * (aside * e_n - across * e_b), arm * (along * e_b - aside * e_a)
 
 
-@njit(forceinline=True)
+@_inlined
 def _pull(memory, f, k, n, a, b, across, along, aside, left):
     """Force of a strut on its upper end, N, what is left of the frozen one included."""
     at = FROZEN + 3 * k
@@ -357,7 +362,7 @@ def _pull(memory, f, k, n, a, b, across, along, aside, left):
     )
 
 
-@njit(forceinline=True)
+@_inlined
 def _add_forces(film, memory, own, du, f, k, force, both, twice_mean):
     """Add a strut's force and what acts on both its ends, N; return the work of the means since the last step, J."""
     low, up = film.lower[f, k], film.upper[f, k]
@@ -371,26 +376,26 @@ def _add_forces(film, memory, own, du, f, k, force, both, twice_mean):
     return 0.5 * work
 
 
-@njit(forceinline=True)
+@_inlined
 def _dot(p, q):
     return p[0] * q[0] + p[1] * q[1] + p[2] * q[2]
 
 
-@njit(forceinline=True)
+@_inlined
 def _cross(p, q):
     return p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]
 
 
-@njit(forceinline=True)
+@_inlined
 def _plus(p, q):
     return p[0] + q[0], p[1] + q[1], p[2] + q[2]
 
 
-@njit(forceinline=True)
+@_inlined
 def _minus(p, q):
     return p[0] - q[0], p[1] - q[1], p[2] - q[2]
 
 
-@njit(forceinline=True)
+@_inlined
 def _times(factor, p):
     return factor * p[0], factor * p[1], factor * p[2]

@@ -128,8 +128,9 @@ def test_the_generator_changes_skin_and_noise_but_not_the_truth():
 
 
 @pytest.mark.filterwarnings("error")  # a NaN that is turned into a pixel only warns
-def test_random_faces_draw_without_trouble():
-    for seed in range(200):
+@pytest.mark.parametrize("faces_n", [40, pytest.param(200, marks=pytest.mark.slow)])
+def test_random_faces_draw_without_trouble(faces_n):
+    for seed in range(faces_n):
         rng = np.random.default_rng(seed)
         face, camera = random_face(rng), random_camera(rng)
         for colour in (face.skin, face.lip, face.teeth, face.tongue, face.cavity, face.hair):

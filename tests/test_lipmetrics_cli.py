@@ -383,12 +383,12 @@ TRAPS = {
 }
 
 
-@pytest.fixture(params=TRAPS.values(), ids=TRAPS.keys())
+@pytest.fixture
 def stuck(request, tmp_path, pictures):
     """A process that has finished one clip and is stuck half-way in the second."""
     clips = [str(write_video(tmp_path / f"{name}.mp4", pictures)) for name in ("first", "second")]
     code = STUCK.format(
-        tests=os.path.dirname(__file__), trap=request.param.strip(), clips=clips, out=str(tmp_path / "out")
+        tests=os.path.dirname(__file__), trap=TRAPS[request.param].strip(), clips=clips, out=str(tmp_path / "out")
     )
     process = subprocess.Popen(
         [sys.executable, "-c", textwrap.dedent(code)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
@@ -402,6 +402,11 @@ def stuck(request, tmp_path, pictures):
     process.communicate()
 
 
+@pytest.mark.parametrize(
+    "stuck",
+    [pytest.param("measuring the second clip", marks=pytest.mark.slow), "writing the second clip"],
+    indirect=True,
+)
 def test_killed_half_way_leaves_whole_tables_only(stuck, tmp_path):
     stuck.send_signal(signal.SIGKILL)
     stuck.wait()
@@ -410,6 +415,11 @@ def test_killed_half_way_leaves_whole_tables_only(stuck, tmp_path):
     assert len(load_profile(tmp_path / "out" / "first").frames) == 6
 
 
+@pytest.mark.parametrize(
+    "stuck",
+    ["measuring the second clip", pytest.param("writing the second clip", marks=pytest.mark.slow)],
+    indirect=True,
+)
 def test_ctrl_c_is_code_130_without_a_traceback(stuck, tmp_path):
     stuck.send_signal(signal.SIGINT)
     _, err = stuck.communicate()

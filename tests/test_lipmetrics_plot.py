@@ -61,7 +61,7 @@ def test_every_profile_can_be_drawn(tmp_path, statuses):
     assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
 
 
-@pytest.mark.parametrize("kind", ["png", "pdf", "svg"])
+@pytest.mark.parametrize("kind", ["png", *(pytest.param(k, marks=pytest.mark.slow) for k in ("pdf", "svg"))])
 def test_same_profile_same_bytes(tmp_path, profile, kind):
     for name in "ab":
         plot_profile(profile, tmp_path / f"{name}.{kind}")

@@ -16,7 +16,7 @@ def found():
     return truth(motion, mouth)
 
 
-@pytest.mark.parametrize("ending", ["png", "pdf", "svg"])
+@pytest.mark.parametrize("ending", ["png", *(pytest.param(e, marks=pytest.mark.slow) for e in ("pdf", "svg"))])
 def test_the_same_truth_gives_the_same_bytes(found, tmp_path, ending):
     for draw, what in ((plot_truth, {"level 0": found, "level 7": found}), (plot_saliva, found)):
         for name in "ab":

@@ -528,6 +528,7 @@ needs_reference = pytest.mark.skipif(
     reason="reference data absent; set LIPMETRICS_REFERENCE or put them in ../shared/reference",
 )
 NAMES = sorted(path.stem for path in REFERENCE.glob("*.xml"))
+QUICK = ("h8_4x4x8_force", "t4_4x4x8_clamped_compress", "t4anp_4x4x8_clamped_compress")  # one of each element
 
 
 @needs_reference
@@ -544,7 +545,9 @@ def test_reference_models_read_as_niftysim_read_them(name, tmp_path):
     assert_equal(read_niftysim(tmp_path / "copy.xml"), model)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize(
+    "name", [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in NAMES]
+)
 def test_motion_of_reference_models(name):
     """Displacements as NiftySim in double precision saved them; F, S and E there belong to one step before."""
     model, stored = read_niftysim(REFERENCE / f"{name}.xml"), np.load(REFERENCE / f"{name}.npz")

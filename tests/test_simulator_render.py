@@ -52,7 +52,7 @@ def cover_of(mouth, positions, camera, fine=32):
 
 
 @pytest.mark.parametrize("yaw_deg", [0, 15])
-@pytest.mark.parametrize("frame", [1, 4, 10])
+@pytest.mark.parametrize("frame", [1, 4, pytest.param(10, marks=pytest.mark.slow)])
 def test_cover_is_the_area_between_the_projected_edges(scene, frame, yaw_deg):
     mouth, motion = scene
     camera = replace(SMALL, yaw_deg=yaw_deg)
@@ -292,7 +292,7 @@ def test_wireframe_draws_the_edges_of_the_mesh(scene):
 
 
 @pytest.mark.parametrize("size", [(160, 120), (64, 64), (97, 65)])
-@pytest.mark.parametrize("resolution", ["low", "high"])
+@pytest.mark.parametrize("resolution", ["low", pytest.param("high", marks=pytest.mark.slow)])
 def test_any_size_and_resolution(size, resolution):
     mouth, motion = moved_mouth(resolution, times=3)
     look = Look(Skin(tone=0.5, stubble=0.5, freckles=0.5), sensor=Sensor(h264=30))

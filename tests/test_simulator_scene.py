@@ -71,7 +71,9 @@ def test_the_built_in_scenes():
     assert scene_names() == BUILT_IN
 
 
-@pytest.mark.parametrize("name", BUILT_IN)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow) if name in ("smile", "puppy") else name for name in BUILT_IN]
+)
 def test_a_built_in_scene_can_be_solved_and_written_again(name):
     scene = load_scene(name)
     assert scene.name == name and scene.about and "\n" not in scene.about

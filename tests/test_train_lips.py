@@ -241,6 +241,7 @@ def chance_above(some, others):
     return np.searchsorted(np.sort(others), some).mean() / len(others)
 
 
+@pytest.mark.slow
 def test_the_fine_stage_learns_from_the_coarse_answers(coarse, capsys):
     fine = train.train_stage(replace(train.FINE_STAGE, **TINY), partial(train.fine_example, coarse), scale=0.003)
     assert fine.leaves.shape == (20, 32, 3) and np.isfinite(fine.leaves).all()

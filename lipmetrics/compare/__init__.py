@@ -2,7 +2,7 @@
 
 from lipmetrics.compare.alignment import Alignment, align
 from lipmetrics.compare.averages import Average, average, averages, load_average
-from lipmetrics.compare.classes import Classification, classify, classify_all, confusion
+from lipmetrics.compare.classes import RECOGNITION_BAND, Classification, classify, classify_all, confusion
 from lipmetrics.compare.curves import Curve, as_curve
 from lipmetrics.compare.distances import L2, Hausdorff, aligned_hausdorff, aligned_l2, hausdorff, l2
 from lipmetrics.compare.pairs import Pairs, pairs
@@ -13,6 +13,7 @@ __all__ = [
     "BAND",
     "COST",
     "L2",
+    "RECOGNITION_BAND",
     "Alignment",
     "Average",
     "Classification",

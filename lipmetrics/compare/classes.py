@@ -14,6 +14,9 @@ from lipmetrics.errors import InputError
 
 MEASURES = ("dtw", "hausdorff")
 MEASURE = "dtw"
+# narrower than that of `align`: which movement it is lies in its timing too, and a wide band warps one into another.
+# The widest band within a standard error of the best rate on simulated and real takes (docs/validation.md)
+RECOGNITION_BAND = 0.05
 
 
 @dataclass(frozen=True)
@@ -43,7 +46,8 @@ def classify(take, averages, *, measure: str = MEASURE, **settings) -> Classific
     take : in any form `align` takes
     averages : {label: average}, or a sequence of Averages, whose names are the labels; takes serve too
     measure : 'dtw', mean cost per step of the path; 'hausdorff', of the aligned curves (as in the thesis, 5.3.2)
-    settings : channels, rate_hz, cost, band, clock ('start' here unless given), seconds_per_unit, mixed_units
+    settings : channels, rate_hz, cost, band (`RECOGNITION_BAND` unless given), clock ('start' unless given),
+        seconds_per_unit, mixed_units
 
     Raises
     ------
@@ -58,7 +62,7 @@ def classify_all(takes: Sequence, averages, *, measure: str = MEASURE, **setting
     labels, references = _labelled(averages)
     if not len(takes):
         return []
-    found = pairs(takes, references, **({"clock": "start"} | settings))
+    found = pairs(takes, references, **({"clock": "start", "band": RECOGNITION_BAND} | settings))
     return [_ranked(labels, row, measure) for row in of_measure(found, measure)]
 
 

@@ -22,7 +22,7 @@ from lipmetrics.errors import InputError
 
 COSTS = ("absolute", "squared")
 COST = "absolute"
-BAND = 0.1  # default of all that compares takes, share of the longer one's duration
+BAND = 0.1  # default of all that aligns takes, share of the longer duration; a lag cannot exceed it
 MOST_CELLS = 8_000_000_000  # 2 GB of steps
 
 
