@@ -20,8 +20,7 @@ from corpus_tools.clips import Clip
 from lipmetrics.errors import InputError
 from lipmetrics.find import FACE_SIDE, faces
 from lipmetrics.frames import _is_cut_off as is_cut_off
-from lipmetrics.frames import _video as opened_video
-from lipmetrics.frames import open_frames
+from lipmetrics.frames import open_frames, open_video
 from lipmetrics.look import NO_MOUTH
 from lipmetrics.still import look_at
 
@@ -122,7 +121,7 @@ def clip_facts(clip: Clip) -> Facts:
 def _packet_times(clip: Clip) -> tuple[np.ndarray | None, np.ndarray | None, str]:
     """Times of all pictures and of key frames in order, s, without decoding; None where some have no stamp."""
     times, keys, damage, packets_n, end_s = [], [], "", 0, 0.0
-    with opened_video(clip.path) as (container, stream):
+    with open_video(clip.path) as (container, stream):
         is_avi = container.format.name == "avi"
         try:
             for packet in container.demux(stream):
