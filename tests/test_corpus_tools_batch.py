@@ -324,7 +324,7 @@ def test_real_processes(tmp_path):
 @pytest.mark.parametrize("of_worker", [False, True])
 def test_20_kills_at_random_moments(tmp_path, of_worker):
     folder, whole = tmp_path / "clips", tmp_path / "whole.h5"
-    real_corpus(folder, 24, 50)
+    real_corpus(folder, 12, 20)
     begin = time.monotonic()
     finish(start(folder, whole))
     longest_s, rng, killed, k = time.monotonic() - begin, random.Random(1), 0, 0
