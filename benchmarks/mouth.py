@@ -444,7 +444,7 @@ def _looks() -> dict[str, Look]:
 def render_tables(repeats: int) -> str:
     """Pictures per second."""
     scene, mouth, motion = _filmed()
-    times, rate = scene.frame_times_s[::2], scene.output.frame_rate
+    times, rate = scene.frame_times_s, scene.output.frame_rate
     jaw = _jaw_of(scene, mouth)
 
     def draw(camera: Camera, look: Look, threads: int, mode: str = "picture") -> int:
