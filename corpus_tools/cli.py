@@ -12,10 +12,8 @@ Exit codes: 0 done, 2 bad arguments or input, 3 some items of a batch failed, 13
 from __future__ import annotations
 
 import argparse
-import importlib
 import math
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -82,10 +80,10 @@ def run_protocol(arguments: argparse.Namespace) -> dict:
 
 
 def run_segment(arguments: argparse.Namespace) -> dict:
-    """`corpus segment`: calls `corpus_tools.segment.segment`, which proposes cuts where there is no list."""
+    """`corpus segment`: cuts a take, or proposes cuts where there is no list."""
     from corpus_tools.protocol import load_protocol
+    from corpus_tools.segment import segment
 
-    segment = _function("segment", "segment")
     prepare(Path(arguments.out))
     return segment(
         arguments.take,
@@ -101,8 +99,9 @@ def run_segment(arguments: argparse.Namespace) -> dict:
 
 
 def run_index(arguments: argparse.Namespace) -> dict:
-    """`corpus index`: calls `corpus_tools.index.index`, which writes the table of checks."""
-    index = _function("index", "index")
+    """`corpus index`: writes the table of checks."""
+    from corpus_tools.index import index
+
     protocol = _protocol(arguments)
     reading = _reading(arguments)
     expected = None
@@ -122,8 +121,9 @@ def run_index(arguments: argparse.Namespace) -> dict:
 
 
 def run_run(arguments: argparse.Namespace) -> dict:
-    """`corpus run`: calls `corpus_tools.batch.run`, which measures what the store does not have yet."""
-    run = _function("batch", "run")
+    """`corpus run`: measures what the store does not have yet."""
+    from corpus_tools.batch import run
+
     return run(
         _told(_reading(arguments)).clips,
         arguments.out,
@@ -136,8 +136,9 @@ def run_run(arguments: argparse.Namespace) -> dict:
 
 
 def run_average(arguments: argparse.Namespace) -> dict:
-    """`corpus average`: calls `corpus_tools.report.write_report`."""
-    write_report = _function("report", "write_report")
+    """`corpus average`: averages of a store, as tables and a report."""
+    from corpus_tools.report import write_report
+
     prepare(Path(arguments.out))
     return write_report(
         arguments.store,
@@ -197,15 +198,6 @@ def _told(reading: Reading) -> Reading:
     if len(reading.misfits) > 5:
         complain(f"left out {len(reading.misfits) - 5} more; 'lipmetrics corpus index' lists them")
     return reading
-
-
-def _function(module: str, name: str) -> Callable[..., dict]:
-    try:
-        return getattr(importlib.import_module(f"corpus_tools.{module}"), name)
-    except ModuleNotFoundError as error:
-        if error.name != f"corpus_tools.{module}":
-            raise
-        raise InputError(f"expected corpus_tools.{module} to be a part of this version, it is not") from None
 
 
 def _finish(arguments: argparse.Namespace, answer: dict) -> int:

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
@@ -663,8 +663,3 @@ def _first(failed: dict[str, str]) -> str:
 def _some(names: Sequence[str], most: int = 5) -> str:
     text = ", ".join(f"'{name}'" for name in names[:most])
     return text + (f" and {len(names) - most} more" if len(names) > most else "")
-
-
-def settings_of(settings: Settings) -> dict:
-    """The settings as plain values."""
-    return asdict(settings)

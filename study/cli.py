@@ -39,12 +39,8 @@ def main(argv: list[str] | None = None, prog: str = "python -m study.cli") -> in
 
 
 def _analyse(words: list[str], prog: str) -> int:
-    try:
-        from study.report import main as analyse
-    except ModuleNotFoundError as error:
-        if error.name != "study.report":
-            raise
-        raise InputError("expected the analysis to be a part of this version, it is not; install a newer one") from None
+    from study.report import main as analyse
+
     return analyse(words, prog=prog)
 
 
