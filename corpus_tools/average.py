@@ -7,9 +7,7 @@ many clips there are of each:
 - the group's average is that of the speakers' averages, and `between` is the standard deviation over the speakers;
 - `within` is the standard deviation over the repeats of one speaker, pooled over the speakers who have repeats.
 
-What is averaged is aligned first (`lipmetrics.average`, DTW barycentre averaging), by shape alone: every channel is
-divided by its greatest value. Aligned as they are, curves of different size give an average with a spike, where all
-samples of the top of the larger ones meet the highest sample of the average.
+What is averaged is aligned first, by shape (`lipmetrics.average`).
 
 Where clips have no speaker, all are taken as repeats of one.
 """
@@ -18,7 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +27,6 @@ from corpus_tools.store import Store
 from corpus_tools.wording import choices, nearest
 from lipmetrics.compare import Average, average
 from lipmetrics.compare.alignment import matched_mean
-from lipmetrics.compare.curves import even
 from lipmetrics.errors import InputError
 from lipmetrics.profile import FRAMES, load_profile, rate_of_change
 from lipmetrics.take import CHANNELS, Take
@@ -38,7 +35,6 @@ from lipmetrics.takes import profiles_in, take_of_profile
 SPEAKERS = ("speaker", "actor", "person", "talker", "subject", "participant")
 ACTIONS = ("slice", "action", "utterance", "statement", "word", "sentence")
 LEVELS = ("stickiness", "level")
-LEAST_SIZE = 0.1  # of the median size: smaller curves are aligned as they are
 MEASURES = {
     "onset_s": "first open picture, s from the start of the clip",
     "rise_s": "from there to half the greatest height, s",
@@ -240,8 +236,8 @@ def order(value: object) -> tuple:
 
 
 def _group(fields: dict[str, object], takes: dict[str, list[Take]], rate_hz: float) -> Group:
-    speakers = {who: _averaged(own, rate_hz, who) for who, own in takes.items()}
-    whole = _averaged(list(speakers.values()), rate_hz, " ".join(map(str, fields.values())) or "all")
+    speakers = {who: average(own, rate_hz=rate_hz, name=who) for who, own in takes.items()}
+    whole = average(list(speakers.values()), rate_hz=rate_hz, name=" ".join(map(str, fields.values())) or "all")
     total, freedom = np.zeros_like(whole.mean), 0
     for path, (who, made) in zip(whole.paths, speakers.items(), strict=True):
         n = len(takes[who])
@@ -250,26 +246,6 @@ def _group(fields: dict[str, object], takes: dict[str, list[Take]], rate_hz: flo
             total, freedom = total + (n - 1) * variance, freedom + n - 1
     within = np.sqrt(total / freedom) if freedom else np.full_like(whole.mean, np.nan)
     return Group(fields, whole, within, speakers, takes)
-
-
-def _averaged(sources: Sequence[Take | Average], rate_hz: float, name: str) -> Average:
-    """`lipmetrics.average` of the curves by their shape; mean and spread are of their values at matched moments."""
-    curves, _ = even(sources, CHANNELS, rate_hz)
-    sizes = np.array([curve.data.max(axis=0) for curve in curves])
-    usual = np.median(sizes, axis=0)
-    sizes = np.where(sizes < LEAST_SIZE * usual, usual, sizes)  # what hardly opens is not blown up
-    sizes[sizes == 0] = 1.0
-    shapes = [replace(curve, data=curve.data / size) for curve, size in zip(curves, sizes, strict=True)]
-    made = average(shapes, rate_hz=rate_hz, name=name)
-    count = len(made.time_s)
-    here = np.stack(
-        [
-            matched_mean(path[:, 0], curve.data[path[:, 1]], count)
-            for path, curve in zip(made.paths, curves, strict=True)
-        ]
-    )
-    spread = here.std(axis=0, ddof=1) if len(curves) > 1 else made.spread
-    return replace(made, mean=here.mean(axis=0), spread=spread, unit=curves[0].unit)
 
 
 def _typed(table: pd.DataFrame, groups: Sequence[Group]) -> pd.DataFrame:

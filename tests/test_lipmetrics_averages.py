@@ -50,7 +50,7 @@ def test_shifted_takes_keep_their_shape():
 @pytest.mark.parametrize("seed", range(5))
 def test_cost_never_rises_and_is_that_of_the_paths(seed, band):
     takes = varied(seed=seed)
-    found = average(takes, band=band, iterations=30)
+    found = average(takes, band=band, iterations=30, by_shape=False)
     assert len(found.costs) > 2
     assert (np.diff(found.costs) <= 1e-12).all()
     total = 0.0
@@ -61,9 +61,29 @@ def test_cost_never_rises_and_is_that_of_the_paths(seed, band):
     assert found.costs[-1] == pytest.approx(total)
 
 
+def test_takes_of_different_size_give_no_spike():
+    sizes = np.linspace(0.5, 1.5, 7)
+    takes = [take(size * movement(np.arange(111) / 50 - 0.02 * k)) for k, size in enumerate(sizes)]
+    found, plain = average(takes), average(takes, by_shape=False)
+    peaks = np.mean([one.array()[1].max(axis=0) for one in takes], axis=0)
+    assert found.mean.max(axis=0) == pytest.approx(peaks, rel=1e-6)
+    assert (plain.mean.max(axis=0) > 1.05 * peaks).all()  # what it would be
+
+
+@pytest.mark.parametrize("least", ["small", "noise"])
+def test_a_take_that_hardly_opens_does_not_bend_the_others(least):
+    small = {
+        "small": 1e-3 * movement(np.arange(111) / 50 - 0.3),
+        "noise": 1e-3 * np.random.default_rng(0).random((111, 3)),
+    }[least]
+    found = average([take(), take(), take(small)])
+    assert found.mean.max(axis=0) == pytest.approx(take().array()[1].max(axis=0) * 2 / 3, rel=0.01)
+    assert np.abs(np.diff(found.mean[:, 1])).max() < 0.04  # steps of the takes: 0.03; with a spike 0.08 and more
+
+
 def test_one_step_is_the_mean_of_what_is_matched():
     takes = varied(4)
-    start, after = average(takes, iterations=0), average(takes, iterations=1)
+    start, after = (average(takes, iterations=n, by_shape=False) for n in (0, 1))
     for i in range(0, len(start.mean), 7):
         matched = [one.array()[1][path[path[:, 0] == i, 1]] for one, path in zip(takes, start.paths, strict=True)]
         assert after.mean[i] == pytest.approx(np.concatenate(matched).mean(axis=0))

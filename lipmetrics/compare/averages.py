@@ -3,6 +3,9 @@
 Petitjean, Ketterlin and Gancarski, "A global averaging method for dynamic time warping" (Pattern Recognition 44, 2011):
 each take is aligned with the average, squared local cost, and every sample of the average becomes the mean of all
 samples matched with it; repeated, which never raises the sum of squared costs.
+
+Takes are aligned by shape: every channel is divided by its greatest value first. Aligned as they are, takes of
+different size give an average with a spike, where all samples of the top of the larger ones meet its highest sample.
 """
 
 from __future__ import annotations
@@ -11,7 +14,7 @@ import io
 import json
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -43,7 +46,7 @@ class Average:
     unit : of lengths; areas in its square
     takes : names of the takes
     paths : of the average to each take, (L, 2) int64 each; empty after loading
-    costs : summed squared cost before each iteration, and of the result
+    costs : summed squared cost before each iteration, and of the result; of the shapes where those were aligned
     """
 
     name: str
@@ -57,6 +60,7 @@ class Average:
     rate_hz: float
     band: float | None
     costs: tuple[float, ...]
+    by_shape: bool
     paths: tuple[np.ndarray, ...] = field(default=(), repr=False)
 
     def as_curve(self) -> Curve:
@@ -76,7 +80,12 @@ class Average:
         pd.DataFrame(columns).to_csv(text, index=False, float_format="%.9g", lineterminator="\n")
         meta = {"format": FORMAT, "name": self.name, "channels": list(self.channels), "unit": self.unit}
         meta |= {"rate_hz": self.rate_hz, "band": self.band, "n_takes": len(self.takes), "takes": list(self.takes)}
-        meta |= {"method": "DTW barycentre averaging", "cost": "squared", "costs": [float(cost) for cost in self.costs]}
+        meta |= {
+            "method": "DTW barycentre averaging",
+            "by_shape": self.by_shape,
+            "cost": "squared",
+            "costs": [float(cost) for cost in self.costs],
+        }
         paths = [Path(folder) / (stem + TABLE), Path(folder) / (stem + META)]
         with whole_file(paths[1]) as meta_part, whole_file(paths[0]) as table_part:
             table_part.write_text(text.getvalue(), encoding="utf-8", newline="\n")
@@ -91,6 +100,7 @@ def average(
     rate_hz: float | None = None,
     band: float | None = BAND,
     iterations: int = ITERATIONS,
+    by_shape: bool = True,
     name: str = "average",
     mixed_units: bool = False,
 ) -> Average:
@@ -104,6 +114,8 @@ def average(
     takes : at least one, in any form `align` takes
     rate_hz : of the average; None for the highest of the takes' own
     band : see `dtw_path`
+    by_shape : align what is left when each channel is divided by its greatest value; the mean is then that of what each
+        take has at matched moments. Else the values themselves are aligned, and the mean is their barycentre
 
     Raises
     ------
@@ -116,12 +128,15 @@ def average(
     lengths = [len(curve.time_s) for curve in curves]
     count = int(np.median(lengths))
     check_size(count, max(lengths), share)
-    mean = np.mean([_stretched(curve.data, count) for curve in curves], axis=0)
-    values, at = pack(curves)
+    aligned = _shapes(curves) if by_shape else curves
+    mean = np.mean([_stretched(curve.data, count) for curve in aligned], axis=0)
+    values, at = pack(aligned)
     mean, costs, kept = _barycentre(mean, values, at, share, iterations)
     here = np.stack(
         [matched_mean(path[:, 0], curve.data[path[:, 1]], count) for curve, path in zip(curves, kept, strict=True)]
     )
+    if by_shape:
+        mean = here.mean(axis=0)
     when = np.stack([matched_mean(path[:, 0], path[:, 1:] / rate_hz, count)[:, 0] for path in kept])
     if len(curves) > 1:
         spread, time_spread = here.std(axis=0, ddof=1), when.std(axis=0, ddof=1)
@@ -130,7 +145,7 @@ def average(
     units = sorted({curve.unit for curve in curves if curve.unit})
     return Average(
         *(name, np.arange(count) / rate_hz, mean, spread, time_spread, curves[0].channels, "+".join(units)),
-        *(tuple(curve.name for curve in curves), rate_hz, band, costs, kept),
+        *(tuple(curve.name for curve in curves), rate_hz, band, costs, by_shape, kept),
     )
 
 
@@ -164,6 +179,7 @@ def load_average(path: str | Path) -> Average:
             *(meta["name"], table["time_s"].to_numpy(float), table[list(channels)].to_numpy(float)),
             *(table[[f"{c}_sd" for c in channels]].to_numpy(float), table["time_sd_s"].to_numpy(float)),
             *(channels, meta["unit"], tuple(meta["takes"]), meta["rate_hz"], meta["band"], tuple(meta["costs"])),
+            by_shape=meta["by_shape"],
         )
     except FileNotFoundError as error:
         raise InputError(
@@ -171,6 +187,15 @@ def load_average(path: str | Path) -> Average:
         ) from None
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(f"expected an average ({FORMAT!r}) in {base}{TABLE} and {META}, got: {error}") from None
+
+
+def _shapes(curves: Sequence[Curve]) -> list[Curve]:
+    """The curves with every channel divided by its greatest value."""
+    sizes = [curve.data.max(axis=0) for curve in curves]
+    return [
+        replace(curve, data=curve.data / np.where(size > 0, size, 1.0))
+        for curve, size in zip(curves, sizes, strict=True)
+    ]
 
 
 def _barycentre(
