@@ -180,7 +180,7 @@ def _kind(path: Path) -> str:
         raise InputError(f"expected a take in {path}, found an empty file")
     if head.startswith(b"\x93NUMPY") or path.suffix.lower() in (".npy", ".obj"):
         return "mesh"
-    columns = _header(head)
+    columns = _header(head, path.suffix.lower() == ".csv")
     if columns is not None:
         return _kind_of_table(path, columns)
     return "video"
@@ -199,14 +199,14 @@ def _kind_of_table(path: Path, columns: list[str]) -> str:
     )
 
 
-def _header(head: bytes) -> list[str] | None:
-    """Names of the columns if a file that begins so is a table: text whose first line has commas."""
+def _header(head: bytes, named: bool) -> list[str] | None:
+    """Names of the columns if a file that begins so is a table: text whose first line has commas, or named so."""
     try:
         line = head.decode("utf-8-sig", errors="strict" if len(head) < 4096 else "ignore").splitlines()[0]
     except (UnicodeDecodeError, IndexError):
         return None
     columns = [column.strip().strip('"') for column in line.split(",")]
-    return columns if len(columns) > 1 and line.isprintable() and b"\0" not in head else None
+    return columns if (named or len(columns) > 1) and line.isprintable() and b"\0" not in head else None
 
 
 def _missing(path: Path) -> str:

@@ -185,6 +185,13 @@ def test_a_table_of_sizes_alone(tmp_path):
         read_take(path, unit="px")
 
 
+@pytest.mark.parametrize("text", ["hi\n", "a,b\n1,2\n"])
+def test_a_table_of_something_else_is_refused_as_a_table(tmp_path, text):
+    (tmp_path / "wrong.csv").write_text(text)
+    with pytest.raises(InputError, match=r"to be a profile's table .* found the columns (hi|a, b)$"):
+        read_take(tmp_path / "wrong.csv")
+
+
 def test_a_profile_that_is_cut_short_is_refused(tmp_path):
     profile(STATUSES).save(tmp_path, "clip")
     whole = (tmp_path / "clip.frames.csv").read_text()
