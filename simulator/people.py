@@ -19,6 +19,7 @@ from simulator.scene import Face, Scene
 
 MOST_PEOPLE_N = 999
 _GOLDEN = (math.sqrt(5) - 1) / 2  # multiples of it, modulo 1, are spread evenly however many are taken
+_MIDDLE = 0.36  # linear light of skin that needs no other exposure
 _TRIES_N = 20  # faces drawn for a person until one can be
 
 
@@ -107,9 +108,10 @@ def _person(number: int, seed: int) -> Person:
         colour=(255.0, round(246 - 9 * warmth, 1), round(236 - 18 * warmth, 1)),
         softness=between(0.3, 0.8),
     )
-    # Whoever films sets the exposure by the face: darker skin gets up to 1.6 times the light on the sensor.
+    # Whoever films sets the exposure by the face, but not so far that dark skin gets as bright as light skin.
+    lit = float(skin.linear @ (0.2126, 0.7152, 0.0722)) * (light.strength + light.ambient)
     sensor = Sensor(
-        exposure=round(between(0.9, 1.1) * (1 + 0.6 * skin.melanin), 3),
+        exposure=round(between(0.9, 1.1) * math.sqrt(_MIDDLE / lit), 3),
         cast=(between(0.96, 1.04), 1.0, between(0.94, 1.06)),
         blur_px=between(0.4, 0.9),
         noise=between(0.006, 0.018),
