@@ -32,6 +32,8 @@ def test_sizes_by_hand():
     assert np.isnan(levels.widening_s(take([0, 0.1]))) and np.isnan(levels.overshoot(take([0.2, 0, 0, 0])))
     twice = take([0, 0.1, 0.2, 0.3, 0.2, 0.1, 0, 0, 0.4, 0.45, 0.1])
     assert levels.second_over_first(twice) == pytest.approx(1.5)
+    lower = take([0, 0.1, 0.2, 0.3, 0.2, 0.1, 0, 0, 0.1, 0.15, 0.1])
+    assert levels.second_over_first(lower) == pytest.approx(0.5)
 
 
 def judged(table, way, **more):
