@@ -12,7 +12,7 @@ from simulator.atomic import whole_file
 from simulator.errors import InputError
 from simulator.model import Model
 
-VERSION = 3  # to be raised when the same model takes other bits, or the arrays of a checkpoint change
+VERSION = 4  # to be raised when the same model takes other bits, or the arrays of a checkpoint change
 
 
 def fingerprint(model: Model, settings: tuple) -> str:

@@ -96,7 +96,7 @@ def solve(
         while not run.finished and not signals:
             run.advance(choice, pool)
             bar.update(run.time - bar.n)
-            if checkpoint_path is not None and clock.monotonic() - saved_at >= checkpoint_every_s:
+            if checkpoint_path is not None and not run.finished and clock.monotonic() - saved_at >= checkpoint_every_s:
                 run.save(checkpoint_path)
                 saved_at = clock.monotonic()
         if signals and checkpoint_path is not None and not run.finished:

@@ -233,7 +233,9 @@ def _read_landmarks(folder):
 
 def _long_landmarks(folder: Path):
     rng = np.random.default_rng(1)
-    rows = [f"{t / 25},{t},{n},{rng.uniform(50, 300):.4f},{rng.uniform(50, 300):.4f}" for t in range(4) for n in range(68)]
+    rows = [
+        f"{t / 25},{t},{n},{rng.uniform(50, 300):.4f},{rng.uniform(50, 300):.4f}" for t in range(4) for n in range(68)
+    ]
     (folder / "a.csv").write_text("\n".join(["time_s,frame,landmark,x,y", *rows]) + "\n")
 
 
@@ -318,7 +320,9 @@ def _forests(folder: Path):
 
     rng = np.random.default_rng(3)
     questions = rng.integers(0, 4, (3, 4, 6)).astype(np.int32)
-    forest = Forest(questions, np.zeros((3, 4), bool), rng.normal(size=(3, 16, 2)).astype(np.float32), np.zeros(2, "f4"))
+    forest = Forest(
+        questions, np.zeros((3, 4), bool), rng.normal(size=(3, 16, 2)).astype(np.float32), np.zeros(2, "f4")
+    )
     save_forests(folder / "a.npz", {"coarse": forest})
 
 
@@ -367,9 +371,15 @@ def _read_log(folder):
     read_cuts(folder / "p01.log.csv", load_protocol())
 
 
-_GRID = 'File type = "ooTextFile"\nObject class = "TextGrid"\n\nxmin = 0\nxmax = 1\ntiers? <exists>\nsize = 2\nitem []:\n'
-_GRID += '  item [1]:\n    class = "IntervalTier"\n    name = "words"\n    xmin = 0\n    xmax = 1\n    intervals: size = 2\n'
-_GRID += '    intervals [1]:\n      xmin = 0\n      xmax = 0.4\n      text = "bin"\n    intervals [2]:\n      xmin = 0.4\n'
+_GRID = (
+    'File type = "ooTextFile"\nObject class = "TextGrid"\n\nxmin = 0\nxmax = 1\ntiers? <exists>\nsize = 2\nitem []:\n'
+)
+_GRID += (
+    '  item [1]:\n    class = "IntervalTier"\n    name = "words"\n    xmin = 0\n    xmax = 1\n    intervals: size = 2\n'
+)
+_GRID += (
+    '    intervals [1]:\n      xmin = 0\n      xmax = 0.4\n      text = "bin"\n    intervals [2]:\n      xmin = 0.4\n'
+)
 _GRID += '      xmax = 1\n      text = ""\n  item [2]:\n    class = "TextTier"\n    name = "points"\n    xmin = 0\n'
 _GRID += '    xmax = 1\n    points: size = 1\n    points [1]:\n      number = 0.5\n      mark = "x"\n'
 _PHONES = '{"s10_l_bbat9p": [{"phone": "b_B", "offset": 0.1, "duration": 0.05}, '
@@ -520,7 +530,13 @@ def _short_run(folder: Path):
 
     from simulator.solver import solve
 
-    solve(glued_blocks(Ramp(0.001)), np.linspace(0, 0.002, 3), threads=1, checkpoint_path=folder / "a.npz", checkpoint_every_s=0.0)
+    solve(
+        glued_blocks(Ramp(0.001)),
+        np.linspace(0, 0.002, 3),
+        threads=1,
+        checkpoint_path=folder / "a.npz",
+        checkpoint_every_s=0.0,
+    )
 
 
 @reader("checkpoint.npz", _short_run)
@@ -640,7 +656,10 @@ def attempt(name: str, folder: Path) -> tuple[str, str]:
             import traceback
 
             last = traceback.extract_tb(error.__traceback__)
-            where = next((f for f in reversed(last) if "site-packages" not in f.filename and "lib/python" not in f.filename), last[-1])
+            where = next(
+                (f for f in reversed(last) if "site-packages" not in f.filename and "lib/python" not in f.filename),
+                last[-1],
+            )
             return "", f"{type(error).__name__}: {text[:300]} ({Path(where.filename).name}:{where.lineno})"
         if "\n" in text or len(text) > LONGEST_MESSAGE or not text.strip():
             return text[:2000], f"a message of {len(text)} characters and {text.count(chr(10)) + 1} lines"

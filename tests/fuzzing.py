@@ -1,4 +1,4 @@
-"""Damaged files: seeded changes of good ones, and readers tried on them in a process that may hang, crash or eat memory.
+"""Damaged files: seeded changes of good ones, and readers tried on them in a process that may hang or crash.
 
 `damaged` makes a bad file out of a good one. `Tried` runs `python tests/fuzz_readers.py`, the child, which reads one
 such file at a time and says what came of it; it is ended and started anew where it hangs or dies.
@@ -30,7 +30,7 @@ LONGEST_MESSAGE = 600
 NUMBERS = [
     *("nan", "inf", "-inf", "1e308", "-1e308", "1e999", "1e-320", "-1", "0", "-0.0", "2", "0.5", "1e7", "1e12"),
     *("99999999999999999999999", "-9223372036854775809", "2147483648", "4294967295", "65536", "1_000", "0x10", "1,5"),
-    *("", "x", "１２", "1e", "--1", "9" * 5000, "true", "null", '"1"', "[]", "{}"),
+    *("", "x", "\uff11\uff12", "1e", "--1", "9" * 5000, "true", "null", '"1"', "[]", "{}"),
 ]
 VALUES = [
     *(None, True, False, 0, -1, 1, 2**31, 2**63, 2**64, 10**30, 1e308, -1e308, 0.5, float("nan"), float("inf"), -0.0),
@@ -125,7 +125,9 @@ def _size(data, rng):
     """Where sizes stand: an extreme whole number."""
     n = int(rng.choice([2, 4, 8]))
     at = int(rng.integers(min(len(data), int(rng.choice([128, 2048, 10**9]))) + 1))
-    value = int(rng.choice([0, 1, 2 ** (8 * n - 1) - 1, 2 ** (8 * n - 1), 2 ** (8 * n) - 1, 100_000 % 2 ** (8 * n)], 1)[0])
+    value = int(
+        rng.choice([0, 1, 2 ** (8 * n - 1) - 1, 2 ** (8 * n - 1), 2 ** (8 * n) - 1, 100_000 % 2 ** (8 * n)], 1)[0]
+    )
     return data[:at] + value.to_bytes(n, str(rng.choice(["little", "big"]))) + data[at + n :]
 
 
@@ -202,7 +204,25 @@ def _not_utf8(data, rng):
 
 def _odd_sign(data, rng):
     at = _place(data, rng)
-    signs = [b'"', b"'", b",", b";", b"\t", b"\r", b"\r\n", b"\n\n", b"#", b"[", b"]", b"{", b"}", b"<", b">", b"&", b"\\"]
+    signs = [
+        b'"',
+        b"'",
+        b",",
+        b";",
+        b"\t",
+        b"\r",
+        b"\r\n",
+        b"\n\n",
+        b"#",
+        b"[",
+        b"]",
+        b"{",
+        b"}",
+        b"<",
+        b">",
+        b"&",
+        b"\\",
+    ]
     signs += ["\u2028".encode(), "\u0085".encode(), "\u202e".encode(), b"\x1b[31m", b"\x0c", b"%", b"=", b" " * 5000]
     return data[:at] + signs[rng.integers(len(signs))] + data[at:]
 
@@ -270,7 +290,18 @@ def _semicolons(data, rng):
     return data.replace(b",", b";")
 
 
-TABLE = [_cell, _cell, _cell, _column_without, _column_twice, _column_of, _column_of, _heading, _head_alone, _semicolons]
+TABLE = [
+    _cell,
+    _cell,
+    _cell,
+    _column_without,
+    _column_twice,
+    _column_of,
+    _column_of,
+    _heading,
+    _head_alone,
+    _semicolons,
+]
 
 
 def _json_value(data, rng):
@@ -300,7 +331,18 @@ def _json_value(data, rng):
 def _toml_value(data, rng):
     found = list(re.finditer(rb"(?m)^(\w+\s*=\s*)([^\n]*)$", data))
     one = found[rng.integers(len(found))]
-    new = [*NUMBERS, "'x'", "[1, 'x']", "[[1]]", "{a = 1}", "[nan, inf, 1]", "1979-05-27", "07:32:00", "[0, 0, 0]", "['', 1]"]
+    new = [
+        *NUMBERS,
+        "'x'",
+        "[1, 'x']",
+        "[[1]]",
+        "{a = 1}",
+        "[nan, inf, 1]",
+        "1979-05-27",
+        "07:32:00",
+        "[0, 0, 0]",
+        "['', 1]",
+    ]
     text = new[rng.integers(len(new))].encode()
     return data[: one.start(2)] + text + data[one.end(2) :]
 
@@ -415,7 +457,21 @@ def _hdf5(data, rng):
             if rng.random() < 0.25:
                 del node.attrs[key]
             else:
-                odd = [0, -1, 2**40, np.nan, "x", "", "{}", "[1]", "null", b"\xff\xfe", np.arange(3), h5py.Empty("f"), "[" * 9000]
+                odd = [
+                    0,
+                    -1,
+                    2**40,
+                    np.nan,
+                    "x",
+                    "",
+                    "{}",
+                    "[1]",
+                    "null",
+                    b"\xff\xfe",
+                    np.arange(3),
+                    h5py.Empty("f"),
+                    "[" * 9000,
+                ]
                 node.attrs[key] = odd[rng.integers(len(odd))]
         elif place == "/":
             del file[places[0]]
@@ -506,7 +562,9 @@ class Tried:
         )
         quiet.close()
         if self._line(FIRST_S) is None:
-            raise RuntimeError("the process that tries readers did not start: " + (self.folder / "child.txt").read_text())
+            raise RuntimeError(
+                "the process that tries readers did not start: " + (self.folder / "child.txt").read_text()
+            )
 
     def _line(self, longest_s: float) -> bytes | None:
         """The next line that the child writes; None where it writes none in time."""
