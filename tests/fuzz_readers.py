@@ -510,7 +510,7 @@ def _motion(folder: Path):
     from simulator.export import write_motion
     from simulator.solver import solve
 
-    model = glued_blocks(Ramp(0.001))
+    model = glued_blocks(Ramp(0.05), peak_m=1e-4)
     write_motion(solve(model, np.linspace(0, 0.002, 3), threads=1), model, folder / "a.h5")
 
 
@@ -531,7 +531,7 @@ def _short_run(folder: Path):
     from simulator.solver import solve
 
     solve(
-        glued_blocks(Ramp(0.001)),
+        glued_blocks(Ramp(0.05), peak_m=1e-4),
         np.linspace(0, 0.002, 3),
         threads=1,
         checkpoint_path=folder / "a.npz",
@@ -608,6 +608,51 @@ def _read_database(folder):
     from study.store import Store
 
     Store(folder / "study.db", "x", 2, abandoned_after_s=60.0).close()
+
+
+# -- readers with faults, to see that they are found ------------------------------------------------------------------
+
+
+def _crash(folder):
+    if folder.name == "bad":
+        os.abort()
+
+
+def _hang(folder):
+    if folder.name == "bad":
+        time.sleep(60)
+
+
+def _eater(folder):
+    if folder.name == "bad":
+        np.ones(80_000_000)
+
+
+def _raiser(folder):
+    if folder.name == "bad":
+        raise KeyError("x")
+
+
+def _writer(folder):
+    from lipmetrics.errors import InputError
+
+    if folder.name == "bad":
+        error = InputError("")
+        error.args = ("a\nb",)
+        raise error
+
+
+_LEAKED = []
+
+
+def _leaker(folder):
+    _LEAKED.append(np.ones(200_000))
+
+
+if "LIPMETRICS_FUZZ_FAULTY" in os.environ:
+    _faulty = {"crash": _crash, "hang": _hang, "eater": _eater, "raiser": _raiser, "writer": _writer, "leaker": _leaker}
+    for _name, _read in _faulty.items():
+        READERS[_name] = Reader(_loop("a.csv", "a,b\n1,2\n"), _read)
 
 
 # -- one case ---------------------------------------------------------------------------------------------------------

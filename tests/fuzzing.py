@@ -543,10 +543,10 @@ class Tried:
         self.child.stdin.flush()
         new, self.known = reader not in self.known, self.known | {reader}
         line = self._line(FIRST_S if new else LONGEST_S)  # at first good files are made and code is compiled
-        if line is None:
-            code = self.child.poll()
+        if not line:
+            fault = f"no answer in {LONGEST_S:g} s" if line is None else f"died with {self.child.wait()}"
             self._end()
-            return Outcome(reader, case, "", f"no answer in {LONGEST_S:g} s" if code is None else f"died with {code}")
+            return Outcome(reader, case, "", fault)
         return Outcome(reader, case, **json.loads(line))
 
     def _start(self) -> None:
@@ -561,19 +561,21 @@ class Tried:
             env=environment,
         )
         quiet.close()
-        if self._line(FIRST_S) is None:
+        if not self._line(FIRST_S):
             raise RuntimeError(
                 "the process that tries readers did not start: " + (self.folder / "child.txt").read_text()
             )
 
     def _line(self, longest_s: float) -> bytes | None:
-        """The next line that the child writes; None where it writes none in time."""
+        """The next line that the child writes; None where it writes none in time, nothing where it has ended."""
         until, found = time.monotonic() + longest_s, b""
         while not found.endswith(b"\n"):
             ready, _, _ = select.select([self.child.stdout], [], [], max(0.0, until - time.monotonic()))
-            piece = os.read(self.child.stdout.fileno(), 65536) if ready else b""
-            if not piece:
+            if not ready:
                 return None
+            piece = os.read(self.child.stdout.fileno(), 65536)
+            if not piece:
+                return b""
             found += piece
         return found
 

@@ -185,7 +185,7 @@ def load_average(path: str | Path) -> Average:
         raise InputError(
             f"expected an average's two files {base}{TABLE} and {META}, found no {error.filename}"
         ) from None
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, RecursionError, OverflowError) as error:
         raise InputError(f"expected an average ({FORMAT!r}) in {base}{TABLE} and {META}, got: {error}") from None
 
 
