@@ -211,6 +211,9 @@ def _read_table(path: Path, columns: tuple[str, ...]) -> pd.DataFrame:
     if not table[list(_WHOLE & set(columns) - {"n_openings"})].notna().all(axis=None):
         raise InputError(f"expected a number in every row of frame and opening in {path}, found an empty field")
     whole = {c: "Int64" if c == "n_openings" else "int64" for c in columns if c in _WHOLE}
+    for name in whole:
+        if not (table[name].dropna() % 1 == 0).all():
+            raise InputError(f"expected whole numbers of frames and openings in {path}, found another under {name}")
     try:
         return table[list(columns)].astype(whole)
     except (ValueError, TypeError) as error:

@@ -54,7 +54,7 @@ def parse_toml(text: str, name: str) -> dict:
     """
     longest = max(map(len, text.split("\n")))
     if longest > LONGEST_LINE:
-        raise InputError(f"{name}: expected lines of at most {LONGEST_LINE} characters, got one of {longest}")
+        raise InputError(f"{name}: expected TOML in lines of at most {LONGEST_LINE} characters, got one of {longest}")
     try:
         return tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
