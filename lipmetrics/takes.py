@@ -466,14 +466,12 @@ def _of_tables(
     ends = [f"{axis}_{end}" + f"_{u}" * (u == "m") for axis in ("col", "row") for end in ("min", "max")]
     centre = [f"centroid_{axis}" + f"_{u}" * (u == "m") for axis in ("col", "row")]
     wanted = ["frame", "time_s", "opening", *ends, f"width_{u}", f"height_{u}", f"area_{u}{square}", *centre]
-    for table, needs in ((frames, ["time_s", *(c for c, _ in columns.values())]), (openings, wanted)):
+    both = ((frames, ["frame", "time_s", *(c for c, _ in columns.values())]), (openings, wanted))
+    for table, needs in both:
         missing = [column for column in needs if column not in table.columns]
         if missing:
             raise InputError(f"{name}: expected a profile's tables, missing the columns {', '.join(missing)}")
-    frames, openings = (
-        _with_numbers(table, [column for column in needs if column in table.columns], name)
-        for table, needs in ((frames, ["time_s", *(c for c, _ in columns.values())]), (openings, wanted))
-    )
+    frames, openings = (_with_numbers(table, [c for c in needs if c in table.columns], name) for table, needs in both)
     counted = openings["frame"].value_counts().reindex(frames["frame"], fill_value=0).to_numpy()
     if counted.sum() != len(openings) or (counted != frames["n_openings"].to_numpy(float, na_value=0)).any():
         raise InputError(

@@ -245,7 +245,7 @@ class _Run:
             good = {name.removeprefix("good_"): array for name, array in arrays.items() if name.startswith("good_")}
             self.last_good = self._fitting(_State.from_arrays(good)) if good else None
             self.load_state(self._fitting(_State.from_arrays(arrays)))
-        except (KeyError, ValueError, TypeError, IndexError, OverflowError) as error:
+        except (LookupError, ValueError, TypeError, AttributeError, OverflowError) as error:
             raise InputError(
                 f"expected a checkpoint in {path}, got one that is damaged ({error}); delete it and start the run anew"
             ) from None
