@@ -472,6 +472,7 @@ def _of_tables(
         if missing:
             raise InputError(f"{name}: expected a profile's tables, missing the columns {', '.join(missing)}")
     frames, openings = (_with_numbers(table, [c for c in needs if c in table.columns], name) for table, needs in both)
+    openings = openings.reindex(columns=list(dict.fromkeys([*openings.columns, "event", "parents"])))
     counted = openings["frame"].value_counts().reindex(frames["frame"], fill_value=0).to_numpy()
     if counted.sum() != len(openings) or (counted != frames["n_openings"].to_numpy(float, na_value=0)).any():
         raise InputError(

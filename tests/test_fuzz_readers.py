@@ -62,7 +62,7 @@ def test_a_case_is_the_same_files_every_time(tmp_path):
 def test_a_fault_of_every_kind_is_seen(tmp_path, monkeypatch):
     """With readers that crash, hang, eat memory, raise something else or write a page."""
     monkeypatch.setenv("LIPMETRICS_FUZZ_FAULTY", "1")
-    monkeypatch.setattr("fuzzing.LONGEST_S", 1.0)
+    monkeypatch.setattr("fuzzing.LONGEST_S", 4.0)
     with Tried(tmp_path) as tried:
         kinds = {
             "crash": "died with",

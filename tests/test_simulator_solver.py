@@ -304,8 +304,12 @@ def test_states_are_saved_every_so_many_steps_and_at_the_end(every, steps):
 
 def test_a_run_that_stopped_leaves_no_checkpoint_and_damaged_ones_are_one_sentence(tmp_path):
     model, file = hanging(), tmp_path / "run.npz"
-    stopped = solve(replace(model, dt_s=1.0), checkpoint_path=file, checkpoint_every_s=0.0)
-    assert stopped.stopped is not None and not file.exists()
+    usual = solve(model, [0.01], threads=1).settings["stable_dt_s"]
+    stopped = solve(replace(model, dt_s=1.5 * usual), checkpoint_path=file, checkpoint_every_s=0.0, threads=1)
+    assert stopped.stopped is not None
+    again = solve(replace(model, dt_s=1.5 * usual), checkpoint_path=file, checkpoint_every_s=0.0, threads=1)
+    assert again.stopped == stopped.stopped
+    file.unlink(missing_ok=True)
     times = np.linspace(0, 0.02, 3)
     solve(model, times, checkpoint_path=file, checkpoint_every_s=0.0, threads=1)
     with np.load(file) as found:
