@@ -12,6 +12,7 @@ from lipmetrics.compare import kernels
 from lipmetrics.compare.alignment import CLOCKS
 from lipmetrics.compare.curves import CHANNELS, Curve, even, nearest_name, thread_count
 from lipmetrics.compare.distances import SECONDS_PER_UNIT, check_seconds
+from lipmetrics.compare.lanes import LANES
 from lipmetrics.compare.warping import BAND, COST, best_paths, check_settings, check_size, distance_of, per_step_of
 from lipmetrics.errors import InputError
 
@@ -81,16 +82,20 @@ def pairs(
         shift = np.array([c.time_s[0] for c in second])[None, :] - np.array([c.time_s[0] for c in first])[:, None]
     total, there, back, lag = (np.empty(shape) for _ in range(4))
     steps = np.empty(shape, np.int64)
-    longest = int(np.diff(x_at).max() + np.diff(y_at).max())
+    by_length = np.argsort(np.diff(x_at), kind="stable")
 
     def block(start: int, stop: int) -> None:
-        total[start:stop], steps[start:stop], paths = best_paths(xs, x_at, ys, y_at, start, stop, squared, share)
+        picks = by_length[start:stop]
+        total[picks], steps[picks], paths = best_paths(xs, x_at, picks, ys, y_at, True, squared, share)
+        measured = np.empty((3, len(picks), len(second)))
         kernels.measure(
-            *(xs, x_at, ys, y_at, start, stop, steps[start:stop], paths),
-            *(shift * scale, scale / rate_hz, there, back, lag),
+            *(xs, x_at, picks, ys, y_at, steps[picks], paths, shift[picks] * scale, scale / rate_hz, *measured),
         )
+        there[picks], back[picks], lag[picks] = measured
 
-    in_threads(block, len(first), max(1, BLOCK_BYTES // (8 * longest * len(second))), threads)
+    longest = int(np.diff(x_at).max() + np.diff(y_at).max())
+    size = BLOCK_BYTES // (8 * longest * len(second) * LANES) * LANES
+    in_threads(block, len(first), max(LANES, size), threads)
     sizes = np.diff(x_at)[:, None] + np.diff(y_at)[None, :]
     return Pairs(
         *(tuple(c.name for c in first), tuple(c.name for c in second)),
