@@ -283,13 +283,13 @@ def lag_half_samples(moved_x, moved_y, path, weights):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def measure(xs, x_at, picks, ys, y_at, length, paths, shift, step, there, back, lag):
+def measure(xs, x_at, picks, ys, y_at, length, paths, step, there, back, lag):
     """Both Hausdorff distances of the aligned curves, and the lag, of the pairs that `lanes.warp` has aligned.
 
     picks (P,) : numbers of the xs
-    shift (P, M) : time of the first sample of y less that of x, in value units
-    step : time from sample to sample, in value units
-    there, back, lag (P, M) : results; lag in half samples, without the shift
+    step : time from sample to sample, in value units. Aligned curves share their times, so that what each counts from
+        does not matter
+    there, back, lag (P, M) : results; lag in half samples, both counted from their first
     """
     channels, longest = xs.shape[1], paths.shape[2]
     times, weights = np.empty(longest), np.zeros(2 * longest + 2)
@@ -304,7 +304,7 @@ def measure(xs, x_at, picks, ys, y_at, length, paths, shift, step, there, back, 
             path = paths[a, b, longest - count :]
             for k in range(count):
                 i, j = path[k, 0], path[k, 1]
-                times[k] = 0.5 * (step * (i + j) + shift[a, b])
+                times[k] = 0.5 * step * (i + j)
                 for c in range(channels):
                     aligned_x[k, c] = x[i, c]
                     aligned_y[k, c] = y[j, c]

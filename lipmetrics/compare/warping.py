@@ -80,10 +80,10 @@ def best_paths(many, many_at, picks, ones, one_at, many_first: bool, squared: bo
     else:
         for a, b in np.ndindex(shape):
             x, y = many[many_at[picks[a]] : many_at[picks[a] + 1]], ones[one_at[b] : one_at[b + 1]]
-            if many_first:
-                totals[a, b], lengths[a, b] = kernels.warp(x, y, band, squared, paths[a, b])
-            else:
-                totals[a, b], lengths[a, b] = kernels.warp(y, x, band, squared, paths[a, b, :, ::-1])
+            first, second = (x, y) if many_first else (y, x)
+            totals[a, b], lengths[a, b] = kernels.warp(first, second, band, squared, paths[a, b])
+            if not many_first:
+                paths[a, b] = paths[a, b, :, ::-1].copy()
     distance_of(totals, squared)
     return totals, lengths, paths
 
