@@ -210,8 +210,10 @@ def _barycentre(
         totals, lengths, paths = (of_takes[back, 0] for of_takes in found)
         costs.append(float(totals.sum()))
         if len(costs) > iterations or (len(costs) > 1 and costs[-2] - costs[-1] <= TOLERANCE * costs[-2]):
-            return mean, tuple(costs), tuple(
-                path[-n:, ::-1].astype(np.int64) for path, n in zip(paths, lengths, strict=True)
+            return (
+                mean,
+                tuple(costs),
+                tuple(path[-n:, ::-1].astype(np.int64) for path, n in zip(paths, lengths, strict=True)),
             )
         taken = np.arange(paths.shape[1]) >= paths.shape[1] - lengths[:, None]
         places, matched = paths[..., 1][taken], (paths[..., 0] + at[:-1, None])[taken]
@@ -220,5 +222,7 @@ def _barycentre(
 
 def _stretched(values: np.ndarray, count: int) -> np.ndarray:
     """Values (T, C) on `count` samples from the first to the last."""
+    if len(values) == count:
+        return values
     places = np.linspace(0, len(values) - 1, count)
     return np.stack([np.interp(places, np.arange(len(values)), column) for column in values.T], axis=1)

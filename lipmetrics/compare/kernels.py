@@ -186,6 +186,25 @@ def warp(x, y, band, squared, path):
     return total, trace(steps, starts, n, m, path)
 
 
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _square(a, k, b, at, gap):
+    """Squared distance of point k of a from point `at` of b, whose times are `gap` apart. Few channels need no loop.
+
+    Put into its callers, as the call takes longer than the work.
+    """
+    k, at, channels = np.uint64(k), np.uint64(at), b.shape[1]
+    square = gap * gap + (a[k, 0] - b[at, 0]) ** 2
+    if channels > 1:
+        square += (a[k, 1] - b[at, 1]) ** 2
+    if channels > 2:
+        square += (a[k, 2] - b[at, 2]) ** 2
+    if channels > 3:
+        square += (a[k, 3] - b[at, 3]) ** 2
+    for c in range(4, channels):
+        square += (a[k, c] - b[at, c]) ** 2
+    return square
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def directed(time_a, a, time_b, b, least):
     """Largest of the squared distances from each point of a to its nearest of b; points (time, values), times sorted.
@@ -195,37 +214,31 @@ def directed(time_a, a, time_b, b, least):
     which starts at `least`. A few points from all over go first: the largest is then near its end early, and most of
     the others stop at their first look.
     """
-    n, channels = b.shape
+    n = b.shape[0]
     largest = least
     for sparse in (True, False):
         middle, near = 0, 0
         for k in range(0, a.shape[0], SPARSE if sparse else 1):
             time = time_a[k]
-            nearest = (time_b[near] - time) ** 2
-            for c in range(channels):
-                nearest += (a[k, c] - b[near, c]) ** 2
+            nearest = _square(a, k, b, near, time_b[near] - time)
             if nearest <= largest:
                 continue
             while middle < n - 1 and time_b[middle] < time:
                 middle += 1
             right, left = middle, middle - 1
             while nearest > largest:
-                gap_right = (time_b[right] - time) ** 2 if right < n else np.inf
-                gap_left = (time - time_b[left]) ** 2 if left >= 0 else np.inf
+                gap_right = time_b[right] - time if right < n else np.inf
+                gap_left = time - time_b[left] if left >= 0 else np.inf
+                gap = min(gap_right, gap_left)
+                if gap * gap >= nearest:
+                    break
                 if gap_right <= gap_left:
-                    if gap_right >= nearest:
-                        break
                     at = right
-                    square = gap_right
                     right += 1
                 else:
-                    if gap_left >= nearest:
-                        break
                     at = left
-                    square = gap_left
                     left -= 1
-                for c in range(channels):
-                    square += (a[k, c] - b[at, c]) ** 2
+                square = _square(a, k, b, at, gap)
                 if square < nearest:
                     nearest = square
                     near = at

@@ -35,11 +35,11 @@ def _limits(sizes, m, band, low, high):
     """Least and largest q - p that the band allows in each lane (rule in `warping`)."""
     for lane in range(sizes.size):
         n = sizes[lane]
+        low[lane], high[lane] = 1 - m, n - 1
         width = band_width(n, m, band)
-        if width < 0:
-            low[lane], high[lane] = 1 - m, n - 1
-        else:
-            low[lane], high[lane] = -width - max(0, m - n), width + max(0, n - m)
+        if width >= 0:
+            low[lane] = max(low[lane], -width - max(0, m - n))
+            high[lane] = min(high[lane], width + max(0, n - m))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -72,7 +72,7 @@ def _fill(many, longest, sizes, one, low, high, squared, kept_off, table, rows):
     """
     m, channels = one.shape
     lowest, highest = low.min(), high.max()
-    banded = lowest > 1 - m or highest < longest - 1
+    banded = (low > 1 - m).any() or (high < sizes - 1).any()
     kept_off[: ((highest - lowest if banded else longest) + 1) * LANES] = 0.0
     if banded:  # a lane's band within the widest: costs are infinite outside
         for lane in range(sizes.size):
@@ -179,4 +179,6 @@ def warp(values, at, picks, ones, one_at, many_first, band, squared, total, leng
                 total[start + lane, b] = table[rows[m] + (sizes[lane] - 1) * LANES + lane]
                 length[start + lane, b] = 0
                 if np.isfinite(total[start + lane, b]):
-                    length[start + lane, b] = _trace(table, rows, lane, sizes[lane], m, many_first, paths[start + lane, b])
+                    length[start + lane, b] = _trace(
+                        table, rows, lane, sizes[lane], m, many_first, paths[start + lane, b]
+                    )
