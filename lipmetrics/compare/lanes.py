@@ -22,7 +22,8 @@ MOST_CHANNELS = 4
 @njit(cache=True, nogil=True, error_model="numpy")
 def _interleave(values, at, picks, longest, many):
     """Curves number `picks` into the flat `many`: channel c, sample q, lane l at (c longest + q) LANES + l, else 0."""
-    many[:] = 0.0
+    for k in range(MOST_CHANNELS * longest * LANES):
+        many[k] = 0.0
     for lane in range(picks.size):
         start = at[picks[lane]]
         for q in range(at[picks[lane] + 1] - start):
@@ -71,8 +72,10 @@ def _fill(many, longest, sizes, one, low, high, squared, kept_off, table, rows):
     rows (m + 1,) : result, the place in the table where q = 0 of row p - 1 would be
     """
     m, channels = one.shape
-    lowest, highest = low.min(), high.max()
-    banded = (low > 1 - m).any() or (high < sizes - 1).any()
+    lowest, highest, banded = low[0], high[0], False
+    for lane in range(sizes.size):
+        lowest, highest = min(lowest, low[lane]), max(highest, high[lane])
+        banded = banded or low[lane] > 1 - m or high[lane] < sizes[lane] - 1
     kept_off[: ((highest - lowest if banded else longest) + 1) * LANES] = 0.0
     if banded:  # a lane's band within the widest: costs are infinite outside
         for lane in range(sizes.size):
@@ -160,12 +163,14 @@ def warp(values, at, picks, ones, one_at, many_first, band, squared, total, leng
     many = np.empty(MOST_CHANNELS * longest * LANES)
     kept_off = np.empty((longest + tallest) * LANES)
     table, rows = np.empty(0), np.empty(tallest + 1, np.int64)
-    low, high = np.empty(LANES, np.int64), np.empty(LANES, np.int64)
+    held, low, high = np.empty(LANES, np.int64), np.empty(LANES, np.int64), np.empty(LANES, np.int64)
     for start in range(0, picks.size, LANES):
         group = picks[start : start + LANES]
-        sizes = at[group + 1] - at[group]
-        longest = sizes.max()
-        _interleave(values, at, group, longest, many[: MOST_CHANNELS * longest * LANES])
+        sizes, longest = held[: group.size], 0
+        for lane in range(group.size):
+            sizes[lane] = at[group[lane] + 1] - at[group[lane]]
+            longest = max(longest, sizes[lane])
+        _interleave(values, at, group, longest, many)
         for b in range(one_at.size - 1):
             one = ones[one_at[b] : one_at[b + 1]]
             m = one.shape[0]
