@@ -33,7 +33,11 @@ def _interleave(values, at, picks, longest, many):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _limits(sizes, m, band, low, high):
-    """Least and largest q - p that the band allows in each lane (rule in `warping`)."""
+    """Least and largest q - p that the band allows in each lane (rule in `warping`).
+
+    Returns the least and the largest of all lanes, and whether any lane has a band at all.
+    """
+    lowest, highest, banded = np.int64(0), np.int64(0), False
     for lane in range(sizes.size):
         n = sizes[lane]
         low[lane], high[lane] = 1 - m, n - 1
@@ -41,6 +45,9 @@ def _limits(sizes, m, band, low, high):
         if width >= 0:
             low[lane] = max(low[lane], -width - max(0, m - n))
             high[lane] = min(high[lane], width + max(0, n - m))
+        lowest, highest = min(lowest, low[lane]), max(highest, high[lane])
+        banded = banded or low[lane] > 1 - m or high[lane] < n - 1
+    return lowest, highest, banded
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -64,27 +71,26 @@ def _row(many, q, stride, one, squared, kept_off, edge, table, below, new, count
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _fill(many, longest, sizes, one, low, high, squared, kept_off, table, rows):
+def _fill(many, longest, lanes_n, one, low, high, limits, squared, kept_off, table, rows):
     """Fill the tables of least costs of all lanes.
 
+    low, high, limits : as `_limits` gives them
     kept_off : work space, (longest + m) LANES
     table : at least `_table_size`
     rows (m + 1,) : result, the place in the table where q = 0 of row p - 1 would be
     """
     m, channels = one.shape
-    lowest, highest, banded = low[0], high[0], False
-    for lane in range(sizes.size):
-        lowest, highest = min(lowest, low[lane]), max(highest, high[lane])
-        banded = banded or low[lane] > 1 - m or high[lane] < sizes[lane] - 1
-    kept_off[: ((highest - lowest if banded else longest) + 1) * LANES] = 0.0
+    lowest, highest, banded = limits
+    for k in range(((highest - lowest if banded else longest) + 1) * LANES):
+        kept_off[k] = 0.0
     if banded:  # a lane's band within the widest: costs are infinite outside
-        for lane in range(sizes.size):
+        for lane in range(lanes_n):
             for k in range(highest - lowest + 1):
                 if k + lowest < low[lane] or k + lowest > high[lane]:
                     kept_off[k * LANES + lane] = np.inf
     used = (min(longest - 1, highest) + 2) * LANES
-    table[:used] = np.inf
-    table[:LANES] = 0.0  # before the first cell
+    for k in range(used):
+        table[k] = np.inf if k >= LANES else 0.0  # 0 before the first cell
     rows[0] = LANES
     for p in range(m):
         first, last = max(0, p + lowest), min(longest - 1, p + highest)
@@ -92,20 +98,22 @@ def _fill(many, longest, sizes, one, low, high, squared, kept_off, table, rows):
         rows[p + 1] = used + (1 - first) * LANES
         before = rows[p] + (first - 1) * LANES
         edge = (first - p - lowest) * LANES if banded else 0
+        for k in range(LANES):
+            table[used + k] = np.inf
         samples = (
             one[p, 0],
             one[p, 1] if channels > 1 else 0.0,
             one[p, 2] if channels > 2 else 0.0,
             one[p, 3] if channels > 3 else 0.0,
         )
-        table[used : used + LANES] = np.inf
         _row(
             *(many, np.uint64(first * LANES), np.uint64(longest * LANES), samples, squared),
             *(kept_off, np.uint64(edge)),
             *(table, np.uint64(before), np.uint64(used), np.uint64(count)),
         )
+        for k in range(LANES):
+            table[used + LANES + count + k] = np.inf
         used += count + 2 * LANES
-        table[used - LANES : used] = np.inf
 
 
 def table_bytes(sizes, one_sizes, band: float) -> float:
@@ -155,7 +163,7 @@ def warp(values, at, picks, ones, one_at, many_first, band, squared, total, leng
     paths (P, M, longest, 2) int32 : results, sample of the many and of the one; longest >= n + m - 1; each path is at
         the end of its row
     """
-    longest, tallest = 0, 0
+    longest, tallest = np.int64(0), np.int64(0)  # as literals they would have what they are given to compiled twice
     for a in picks:
         longest = max(longest, at[a + 1] - at[a])
     for b in range(one_at.size - 1):
@@ -166,7 +174,7 @@ def warp(values, at, picks, ones, one_at, many_first, band, squared, total, leng
     held, low, high = np.empty(LANES, np.int64), np.empty(LANES, np.int64), np.empty(LANES, np.int64)
     for start in range(0, picks.size, LANES):
         group = picks[start : start + LANES]
-        sizes, longest = held[: group.size], 0
+        sizes, longest = held[: group.size], np.int64(0)
         for lane in range(group.size):
             sizes[lane] = at[group[lane] + 1] - at[group[lane]]
             longest = max(longest, sizes[lane])
@@ -174,12 +182,11 @@ def warp(values, at, picks, ones, one_at, many_first, band, squared, total, leng
         for b in range(one_at.size - 1):
             one = ones[one_at[b] : one_at[b + 1]]
             m = one.shape[0]
-            lows, highs = low[: sizes.size], high[: sizes.size]
-            _limits(sizes, m, band, lows, highs)
-            size = _table_size(longest, m, lows.min(), highs.max())
+            limits = _limits(sizes, m, band, low, high)
+            size = _table_size(longest, m, limits[0], limits[1])
             if size > table.size:
                 table = np.empty(size)
-            _fill(many, longest, sizes, one, lows, highs, squared, kept_off, table, rows)
+            _fill(many, longest, sizes.size, one, low, high, limits, squared, kept_off, table, rows)
             for lane in range(sizes.size):
                 total[start + lane, b] = table[rows[m] + (sizes[lane] - 1) * LANES + lane]
                 length[start + lane, b] = 0
