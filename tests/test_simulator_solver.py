@@ -304,7 +304,7 @@ def test_states_are_saved_every_so_many_steps_and_at_the_end(every, steps):
 
 def test_a_run_that_stopped_leaves_no_checkpoint_and_damaged_ones_are_one_sentence(tmp_path):
     model, file = hanging(), tmp_path / "run.npz"
-    usual = solve(model, [0.01], threads=1).settings["stable_dt_s"]
+    usual = solve(replace(model, dt_s="auto"), [0.01], threads=1).settings["stable_dt_s"]
     stopped = solve(replace(model, dt_s=1.5 * usual), checkpoint_path=file, checkpoint_every_s=0.0, threads=1)
     assert stopped.stopped is not None
     again = solve(replace(model, dt_s=1.5 * usual), checkpoint_path=file, checkpoint_every_s=0.0, threads=1)
