@@ -59,6 +59,7 @@ def test_a_case_is_the_same_files_every_time(tmp_path):
     assert len(set(changed)) > 30
 
 
+@pytest.mark.slow
 def test_a_fault_of_every_kind_is_seen(tmp_path, monkeypatch):
     """With readers that crash, hang, eat memory, raise something else or write a page."""
     monkeypatch.setenv("LIPMETRICS_FUZZ_FAULTY", "1")
