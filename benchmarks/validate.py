@@ -1,4 +1,4 @@
-"""A quick score of a method on the simulated suite, by condition, while working on it; `lipmetrics validate` is the whole.
+"""A quick score of a method on the simulated suite while working on it; `lipmetrics validate` is the whole.
 
     python benchmarks/validate.py --part tune --quick
     python benchmarks/validate.py --part tune --only "skin tone" beard "noise: 12 %"
@@ -39,7 +39,7 @@ SHOWN = {
 
 
 def clip_frames(clips, folder: Path, method: str = "default", settings=None) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Rows of `score_frames` of some clips with a column `clip`, and the table of the clips; makes what is not there."""
+    """Rows of `score_frames` of some clips with a column `clip`, and the table of the clips; missing ones are made."""
     folder.mkdir(parents=True, exist_ok=True)
     rows, facts = [], []
     for take, of_take in by_take(clips).items():

@@ -6,7 +6,7 @@ A frame is `open` where an opening is really as high as `CLEAR_MW` of the mouth'
 is a clear one; `closed` where nothing is open; and `hardly` open between the two. Hardly open frames are in rows of
 their own: seen or not, neither is a fault.
 
-- IoU is of all openings of an open frame; where the frame was not seen to be open it is 0, so that what is missed counts.
+- IoU is of all openings of an open frame; where the frame was not seen to be open it is 0: what is missed counts.
 - Height, width and area are those of the largest opening, in frames that are open and were seen to be; error is
   measured less true, in px and in % of the mouth's true width (its square, for areas).
 - The number of openings is right where it lies between that of the clear ones and that of all that can be seen.
@@ -55,7 +55,8 @@ def score_frames(measured: Profile, truth: Profile) -> pd.DataFrame:
     Returns
     -------
     columns frame, time_s, kind (of `KINDS`), status, n, n_visible, n_clear, and of each size in `SIZES` true_* and the
-    measured one, px; iou; merge and true_merge; found; confidence; mouth_px, the true width
+    measured one, px, and of the area of all openings; iou; merge and true_merge; found; confidence; mouth_px, which is
+    the true width
     """
     pairs = pair_frames(measured.frames["time_s"].to_numpy(float), truth.frames["time_s"].to_numpy(float))
     a, b = measured.frames.iloc[pairs[:, 0]], truth.frames.iloc[pairs[:, 1]]
@@ -83,6 +84,8 @@ def score_frames(measured: Profile, truth: Profile) -> pd.DataFrame:
         if kind[row] == "open":
             iou[row] = overlap(measured.outlines[i], truth.outlines[j]) if seen[row] else 0.0
     table["iou"] = iou
+    for name, of in (("true_total_area_px", b), ("total_area_px", a)):
+        table[name] = of["total_area_px"].to_numpy(float)
     table["merge"] = np.isin(table["frame"], _merge_frames(measured, a, b))
     before = np.concatenate([[0], clear[:-1]])
     merged = truth.openings.loc[truth.openings["event"] == "merge", "frame"].unique()
