@@ -54,7 +54,15 @@ def clip_frames(clips, folder: Path, method: str = "default", settings=None) -> 
                 write_clip(clip, solved, folder, clip.fingerprint)
             measured = measure(path, method=method, settings=settings, keep_outlines=True)
             rows.append(score_frames(measured, load_truth(folder / clip.fingerprint)).assign(clip=clip.name))
-            facts.append({"clip": clip.name, "axis": clip.axis, "setting": clip.setting, "condition": clip.condition})
+            facts.append(
+                {
+                    "clip": clip.name,
+                    "axis": clip.axis,
+                    "setting": clip.setting,
+                    "condition": clip.condition,
+                    "take": clip.take.name,
+                }
+            )
     order = {clip.name: number for number, clip in enumerate(clips)}
     return pd.concat(rows, ignore_index=True), pd.DataFrame(facts).sort_values("clip", key=lambda c: c.map(order))
 

@@ -243,23 +243,15 @@ def run_validate(arguments: argparse.Namespace) -> int:
 
 def suite_clips(arguments: argparse.Namespace):
     """The clips that a validation is made of, and what its report says about them."""
-    import hashlib
-
     from lipmetrics.validate import ClipFacts
     from simulator import errors
-    from simulator.suite import NAMED, RATE_HZ, RESOLUTION, SEEDS, suite
+    from simulator.suite import NAMED, RATE_HZ, RESOLUTION, SEEDS, clip_key, suite
 
     only = [one.strip() for one in (arguments.only or "").split(",") if one.strip()]
     try:
         chosen = suite(arguments.part, quick=arguments.quick, only=only, seed=arguments.seed)
     except errors.InputError as error:
         raise InputError(str(error)) from None
-    import simulator
-
-    digest = hashlib.sha256()
-    for path in sorted(Path(simulator.__file__).parent.glob("*.py")):
-        digest.update(path.read_bytes())
-    code = digest.hexdigest()
     clips = [
         ClipFacts(
             clip=one.name,
@@ -270,7 +262,7 @@ def suite_clips(arguments: argparse.Namespace):
             action=one.take.action,
             face=one.take.face,
             mouth_px=one.filming.mouth_px,
-            key=hashlib.sha256(f"{one.fingerprint} {code}".encode()).hexdigest()[:16],
+            key=clip_key(one),
             content=one,
         )
         for one in chosen
@@ -421,12 +413,10 @@ def _add_validate(verbs) -> None:
     verb.add_argument("--quick", action="store_true", help="about a tenth of the clips")
     verb.add_argument("--method", default="default", help="default, or thesis for the published baseline")
     verb.add_argument(
-        "--only", metavar="CONDITION,...", help="these conditions or axes only, such as 'beard,noise: 6 %%'"
+        "--only", metavar="CONDITION,...", help="only these axes or conditions, such as 'beard,noise: 6 %%'"
     )
     verb.add_argument("--jobs", type=count, metavar="N", help="processes; 2 where nothing is said")
-    verb.add_argument(
-        "--seed", type=_whole, default=0, metavar="N", help="other than 0: other random faces and mixtures"
-    )
+    verb.add_argument("--seed", type=_whole, default=0, metavar="N", help="other than 0 for other random faces")
 
 
 def _whole(text: str) -> int:

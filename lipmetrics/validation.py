@@ -38,6 +38,8 @@ NEAR_MW, WIDTH_FACTOR = 0.3, 1.5
 BEFORE = 6  # frames before something can be seen in which an early onset is looked for
 NEAR_MERGE = 8  # frames around a merge in which it is looked for
 BAD_IOU = 0.5  # an open frame with less is a bad one, as are those missed, false, or without the mouth
+PLAIN = "plain"  # the axis of the clips that are filmed plainly
+AGAINST_PLAIN = ("iou_median", "height_percent_median", "bad_percent", "confidence_median")
 RESAMPLES, SEED = 400, 5  # of the clips, for intervals
 
 KINDS = ("open", "hardly", "closed")
@@ -273,18 +275,27 @@ def intervals(frames: pd.DataFrame, resamples: int = RESAMPLES) -> dict[str, tup
 def by_condition(frames: pd.DataFrame, clips: pd.DataFrame) -> pd.DataFrame:
     """One row of `figures` per condition, in the order of the clips, with the intervals of `intervals`.
 
+    Columns plain_* are the figures of the same movements filmed plainly, NaN where these are not among the clips.
+
     Parameters
     ----------
     frames : rows of `score_frames` with a column `clip`
-    clips : columns clip, axis, setting, condition
+    clips : columns clip, axis, setting, condition, take
     """
     rows = []
     of = dict(zip(clips["clip"], clips["condition"], strict=True))
     grouped = dict(list(frames.groupby(frames["clip"].map(of), sort=False)))
-    for (axis, setting, condition), _ in clips.groupby(["axis", "setting", "condition"], sort=False):
+    plain = clips[clips["axis"] == PLAIN].set_index("take")["clip"]
+    known: dict[frozenset, dict] = {}
+    for (axis, setting, condition), of_condition in clips.groupby(["axis", "setting", "condition"], sort=False):
         if condition not in grouped:
             continue
         row = {"condition": condition, "axis": axis, "setting": setting} | figures(grouped[condition])
+        takes = frozenset(of_condition["take"])
+        if takes not in known:
+            same = takes <= set(plain.index)
+            known[takes] = figures(frames[frames["clip"].isin(plain[list(takes)])]) if same else {}
+        row |= {f"plain_{name}": known[takes].get(name, math.nan) for name in AGAINST_PLAIN}
         for name, (low, high) in intervals(grouped[condition]).items():
             row |= {f"{name}_low": low, f"{name}_high": high}
         rows.append(row)

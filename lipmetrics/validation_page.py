@@ -53,6 +53,8 @@ SHORT = {
     "confidence_median": "confidence",
 }
 _MORE = {
+    "plain_iou_median": "IoU, same movements plain",
+    "plain_height_percent_median": "height %, same plain",
     "clips": "clips",
     "frames": "frames",
     "height_px_median": "height px",
@@ -137,10 +139,10 @@ def write_report(
         ),
         "<h2>What its confidence is worth</h2>",
         table(*_confidence_rows(summary["confidence"])),
-        "<p>A frame is bad where an opening was missed or invented, the IoU is under 0.5 or the mouth was not found.</p>",
+        "<p>A frame is bad where an opening was missed or invented, the IoU is under 0.5 or no mouth was found.</p>",
         "<h2>The worst frames</h2>",
-        "<p>Those with the largest area that is measured or true but not both: at most one of a clip, two of a condition "
-        "and three of a movement. Green is the truth, red what was measured.</p>",
+        "<p>Those with the largest area that is measured or true but not both: at most one of a clip, two of a "
+        "condition and three of a movement. Green is the truth, red what was measured.</p>",
         picture(sheet, "the worst frames"),
         "<h2>All figures</h2>",
         folded("of every condition", table(*condition_rows(conditions, _MORE))),

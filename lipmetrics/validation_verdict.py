@@ -14,7 +14,7 @@ from collections.abc import Mapping
 import numpy as np
 import pandas as pd
 
-from lipmetrics.validation import figures, with_errors
+from lipmetrics.validation import PLAIN, figures, with_errors
 
 TRUSTED_NAME, CARE_NAME, REFUSED_NAME = VERDICTS = ("trusted", "with care", "not to be used")
 # figure: (at least, at most)
@@ -35,7 +35,7 @@ REFUSED = {
 }
 WIDE_PX = 80.0
 WORSE_PERCENT = 5.0  # more bad frames than in the plain clips: confidence has to fall
-MIX, PLAIN, TONE = "mix", "plain", "skin tone"
+MIX, TONE = "mix", "skin tone"
 WIDTHS_PX = (0, 60, 80, 120, 200, 350, math.inf)
 HEIGHTS_PERCENT = (2, 4, 7, 12, 20, math.inf)
 CONFIDENCES = (0, 0.3, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 1.0001)
@@ -146,7 +146,8 @@ def targets(frames: pd.DataFrame, clips: pd.DataFrame, conditions: pd.DataFrame,
         lambda f: f["false_percent"] <= 0.5,
     )
     tones = conditions[conditions["axis"] == TONE].dropna(subset=["iou_median"])
-    if len(tones) > 1:
+    movements = clips[clips["axis"] == TONE].groupby("setting")["take"].apply(frozenset)
+    if len(tones) > 1 and len(set(movements)) == 1:  # else a difference is due to the movement
         low, high = (tones.loc[pick(tones["iou_median"])] for pick in (pd.Series.idxmin, pd.Series.idxmax))
         apart = high["iou_median"] - low["iou_median"]
         shown = f"{apart:.3f} ({low['setting']} {low['iou_median']:.3f}, {high['setting']} {high['iou_median']:.3f})"
@@ -159,13 +160,12 @@ def targets(frames: pd.DataFrame, clips: pd.DataFrame, conditions: pd.DataFrame,
 
 
 def _silent(conditions: pd.DataFrame) -> list[dict]:
-    """Whether confidence falls wherever more goes wrong than in the plain clips."""
-    plain = conditions[conditions["axis"] == PLAIN]
-    if not len(plain):
+    """Whether confidence falls wherever more goes wrong than with the same movements filmed plainly."""
+    varied = conditions[conditions["plain_bad_percent"].notna() & (conditions["axis"] != PLAIN)]
+    if not len(varied):
         return []
-    usual, sure = (float(plain[name].iloc[0]) for name in ("bad_percent", "confidence_median"))
-    worse = conditions[(conditions["bad_percent"] > usual + WORSE_PERCENT) & (conditions["axis"] != MIX)]
-    silent = worse.loc[worse["confidence_median"] >= sure, "condition"].tolist()
+    worse = varied[varied["bad_percent"] > varied["plain_bad_percent"] + WORSE_PERCENT]
+    silent = worse.loc[worse["confidence_median"] >= worse["plain_confidence_median"], "condition"].tolist()
     shown = f"{len(worse) - len(silent)} of {len(worse)}" + (f"; not in {', '.join(silent)}" if silent else "")
     what = f"conditions with over {WORSE_PERCENT:g} % more bad frames than plain, in which confidence falls"
     return [{"what": what, "goal": "all", "all": shown, MIX: "-", "met": not silent}]

@@ -17,6 +17,7 @@ import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -110,7 +111,7 @@ AXES: dict[str, dict[str, dict]] = {
         "lipstick": {"skin.lip_colour": (178, 24, 44)},
         "dark lipstick": {"skin.lip_colour": (74, 22, 34)},
         "as the skin": {"skin.lip_colour": (212, 164, 140), "skin.lip_lines": 0.3},
-        "dark skin, pale": {"skin.tone": "dark", "skin.lip_redness": 0.0},
+        "dark skin pale": {"skin.tone": "dark", "skin.lip_redness": 0.0},
     },
     "light from": {
         "front": {"light.direction": (0.0, 0.1, 1.0)},
@@ -196,7 +197,7 @@ AXES: dict[str, dict[str, dict]] = {
 # the settings of an axis that are farthest from plain
 WORST = {
     "skin tone": ("very light", "very dark"),
-    "lips": ("as the skin", "dark skin, pale"),
+    "lips": ("as the skin", "dark skin pale"),
     "light from": ("hard left", "below"),
     "light colour": ("red cast", "blue cast"),
     "light level": ("1/10", "2.5 times"),
@@ -369,6 +370,11 @@ def suite(
                 raise InputError(f"expected conditions such as {choices(sorted(axes))}, got {nearest(one, known)}")
         whole = [clip for clip in whole if clip.axis in only or clip.condition in only]
     return tuple(_tenth(whole) if quick else whole)
+
+
+def clip_key(clip: SuiteClip) -> str:
+    """Changes with everything that a clip is made from, this package's code too: what a file that is kept is called."""
+    return hashlib.sha256(f"{clip.fingerprint} {_code()}".encode()).hexdigest()[:16]
 
 
 def by_take(clips: Iterable[SuiteClip]) -> dict[Take, list[SuiteClip]]:
@@ -613,6 +619,14 @@ def changed(filming: Filming, changes: Mapping[str, object]) -> Filming:
 
 
 # -- small steps ------------------------------------------------------------------------------------------------------
+
+
+@lru_cache(maxsize=1)
+def _code() -> str:
+    digest = hashlib.sha256()
+    for path in sorted(Path(__file__).parent.glob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
 
 
 def _stretched(parts: tuple, factor: float) -> tuple:
