@@ -77,6 +77,8 @@ def validate(
 ) -> dict:
     """Film, measure and score clips, and write frames.csv, clips.csv, conditions.csv, summary.json, report.html.
 
+    Those of another method than the default are in a folder of its name inside `folder`; the clips are the same.
+
     Parameters
     ----------
     clips : what to film; those of one `take` are filmed by one process
@@ -102,10 +104,11 @@ def validate(
     code = code_hash()
     scores = {one.clip: folder / SCORED / f"{one.key}.{method}.{code}.csv" for one in clips}
     waiting = [one for one in clips if not scores[one.clip].exists()]
-    failed, dropped = {}, {}
+    work = _Work({}, {}, 0.0)
     batches = _batches(waiting)
     if batches:
-        _work(batches, film, folder, method, scores, jobs or default_jobs(), progress, failed, dropped)
+        work = _work(batches, film, folder, method, scores, jobs or default_jobs(), progress)
+    failed, dropped = work.failed, work.dropped
     rows = {one.clip: _read(scores[one.clip]) for one in clips if one.clip not in failed | dropped}
     if not rows:
         reasons = "; ".join(Counter([*failed.values(), *dropped.values()]))
@@ -131,16 +134,18 @@ def validate(
         "confidence": calibration(frames).to_dict("records"),
         "clips_made_and_measured": len(waiting),
         "seconds": round(scored_s, 1),
+        "processor_seconds": round(work.processor_s, 1),
     }
-    _write_csv(frames[["clip", *frames.columns.drop("clip")]], folder / "frames.csv")
-    _write_csv(of_clips, folder / "clips.csv")
-    _write_csv(conditions, folder / "conditions.csv")
+    place = folder if method == "default" else folder / method
+    _write_csv(frames[["clip", *frames.columns.drop("clip")]], place / "frames.csv")
+    _write_csv(of_clips, place / "clips.csv")
+    _write_csv(conditions, place / "conditions.csv")
     keys = {one.clip: folder / CLIPS / one.key for one in clips}
     worst = worst_frames(frames, table)
-    write_report(folder, summary, frames, table, conditions, worst, keys)
-    with whole_file(folder / "summary.json") as part:
+    write_report(place, summary, frames, table, conditions, worst, keys)
+    with whole_file(place / "summary.json") as part:
         part.write_text(json.dumps(without_nan(summary), indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
-    return summary | {"text": _text(summary, conditions, folder)}
+    return summary | {"text": _text(summary, conditions, place)}
 
 
 _COLUMNS = ("clip", "axis", "setting", "condition", "take", "action", "face", "mouth_px")
@@ -173,9 +178,19 @@ def _batches(clips: Iterable[ClipFacts]) -> list[list[ClipFacts]]:
     return sorted(batches, key=len, reverse=True)
 
 
-def _work(batches, film: Film, folder: Path, method: str, scores, jobs: int, progress: bool, failed, dropped) -> None:
+@dataclass
+class _Work:
+    """failed, dropped : clip -> why; processor_s : time of all processes"""
+
+    failed: dict[str, str]
+    dropped: dict[str, str]
+    processor_s: float
+
+
+def _work(batches, film: Film, folder: Path, method: str, scores, jobs: int, progress: bool) -> _Work:
     from tqdm import tqdm
 
+    done = _Work({}, {}, 0.0)
     before = {name: os.environ.get(name) for name in _ONE_THREAD}
     os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))  # the processes take it over; the cores are theirs
     context = multiprocessing.get_context("spawn")
@@ -188,28 +203,32 @@ def _work(batches, film: Film, folder: Path, method: str, scores, jobs: int, pro
             for batch, of_batch in zip(batches, paths, strict=True)
         }
         for task in as_completed(tasks):
-            wrong, reason = task.result()
-            failed |= wrong
-            if reason:
-                dropped |= {one.clip: reason for one in tasks[task]}
+            failed, reason, spent_s = task.result()
+            done.failed |= failed
+            done.dropped |= {one.clip: reason for one in tasks[task] if reason}
+            done.processor_s += spent_s
             bar.update(len(tasks[task]))
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
         bar.close()
         for name, value in before.items():
             os.environ.pop(name) if value is None else os.environ.update({name: value})
+    return done
 
 
 def score_batch(
     batch: Sequence[ClipFacts], film: Film, folder: Path, method: str, scores: Sequence[Path]
-) -> tuple[dict[str, str], str]:
+) -> tuple[dict[str, str], str, float]:
     """Film those clips of a batch that are not there, measure and score all; writes a table of frames each.
 
     Returns
     -------
     failed : clip -> error of the method
     reason : why the batch could not be filmed, or nothing
+    processor_s : time that it took on all threads
     """
+    started = time.process_time()
+
     import cv2
 
     from lipmetrics.accuracy import load_truth
@@ -219,7 +238,7 @@ def score_batch(
     cv2.setNumThreads(1)
     missing = [one for one in batch if not (folder / f"{one.key}.mp4").exists()]
     if missing and (reason := film(missing, folder)):
-        return {}, reason
+        return {}, reason, time.process_time() - started
     failed = {}
     for one, path in zip(batch, scores, strict=True):
         try:
@@ -228,7 +247,7 @@ def score_batch(
             failed[one.clip] = sentence(error)
             continue
         _write_csv(score_frames(measured, load_truth(folder / one.key)), path)
-    return failed, ""
+    return failed, "", time.process_time() - started
 
 
 def _write_csv(table: pd.DataFrame, path: Path) -> None:
@@ -252,5 +271,8 @@ def _text(summary: dict, conditions: pd.DataFrame, folder: Path) -> list[str]:
     lines.append(", ".join(f"{count} conditions {name}" for name, count in counts.items()))
     if summary["failed"] or summary["dropped"]:
         lines.append(f"{len(summary['failed'])} clips broke the method, {len(summary['dropped'])} could not be solved")
-    lines.append(f"{summary['clips']} clips, {summary['frames']} frames, {summary['seconds']:.0f} s")
+    lines.append(
+        f"{summary['clips']} clips, {summary['frames']} frames, {summary['seconds']:.0f} s, "
+        f"{summary['processor_seconds']:.0f} s of processors"
+    )
     return [*lines, f"open {folder / 'report.html'} in a browser"]
