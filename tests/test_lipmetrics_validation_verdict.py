@@ -73,7 +73,7 @@ def test_goals_that_are_met_and_that_are_not():
     by_word = {
         word: next(row for what, row in found.items() if word in what) for word in ("median", "10th", "width er")
     }
-    assert by_word["median"]["met"] is True or by_word["median"]["all"] == "0.950"
+    assert by_word["median"]["all"] == "0.950"
     assert by_word["10th"]["met"] and by_word["10th"]["mix"] == "-"  # its mouth is too small to count
     assert by_word["width er"]["all"] == "0.00 px, 0.00 %" and by_word["width er"]["met"]
     false = found["false openings on closed mouths"]
@@ -125,7 +125,7 @@ def test_disagreement_is_the_area_of_one_but_not_both():
     true = clip([box(10)], [box(10)], [], [box(1.5)])
     seen = clip([box(8, row=42)], [], [box(5)], [box(30)])
     apart = disagreement_mw2(score_frames(seen, true)) * MOUTH_PX**2
-    assert apart == pytest.approx([2 * 40, 10 * 40, 5 * 40, 0])
+    assert apart == pytest.approx([2 * 40, 10 * 40, 5 * 40, 0], rel=0.04)  # to a quarter of a pixel
 
 
 def test_the_worst_frames_are_of_different_clips_conditions_and_movements():
