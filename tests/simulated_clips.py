@@ -1,4 +1,4 @@
-"""What stands for a simulator in tests of `validate`: clips of rings, and their truth, that need nothing to be solved."""
+"""What stands for a simulator in tests of `validate`: clips of rings, and their truth; nothing is solved."""
 
 from __future__ import annotations
 
