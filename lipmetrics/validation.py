@@ -40,7 +40,7 @@ NEAR_MERGE = 8  # frames around a merge in which it is looked for
 BAD_IOU = 0.5  # an open frame with less is a bad one, as are those missed, false, or without the mouth
 PLAIN = "plain"  # the axis of the clips that are filmed plainly
 AGAINST_PLAIN = ("iou_median", "height_percent_median", "bad_percent", "confidence_median")
-RESAMPLES, SEED = 400, 5  # of the clips, for intervals
+RESAMPLES, SEED = 200, 5  # of the clips, for intervals
 
 KINDS = ("open", "hardly", "closed")
 SIZES = {"height": "height_px", "width": "width_px", "area": "area_px"}

@@ -245,11 +245,11 @@ class Take:
     def span_s(self) -> tuple[float, float]:
         """From and to when it is filmed, s."""
         _, start, stop = _ACTIONS[self.action]
-        return start, min(stop, load_scene(_ACTIONS[self.action][0]).duration_s)
+        return start, min(stop, _built_in(_ACTIONS[self.action][0]).duration_s)
 
     def scene(self) -> Scene:
         """What is solved: the action's scene with this face, as long as it is filmed."""
-        scene = load_scene(_ACTIONS[self.action][0], self.stickiness)
+        scene = _built_in(_ACTIONS[self.action][0], self.stickiness)
         patches = scene.saliva.patch
         if self.action == "three_openings":
             sticky = patches[0].stickiness
@@ -296,7 +296,7 @@ class SuiteClip:
     @property
     def fingerprint(self) -> str:
         """Of everything that the clip is made from but the code."""
-        parts = (self.take, _ACTIONS[self.take.action], self.take.scene(), self.filming, RATE_HZ, SAFETIES)
+        parts = (_of_take(self.take), self.filming, RATE_HZ, SAFETIES)
         return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
 
 
@@ -619,6 +619,17 @@ def changed(filming: Filming, changes: Mapping[str, object]) -> Filming:
 
 
 # -- small steps ------------------------------------------------------------------------------------------------------
+
+
+@lru_cache(maxsize=256)
+def _built_in(name: str, stickiness: float | None = None) -> Scene:
+    return load_scene(name, stickiness)
+
+
+@lru_cache(maxsize=1024)
+def _of_take(take: Take) -> str:
+    """All that a movement is made from, as text."""
+    return repr((take, _ACTIONS[take.action], take.scene()))
 
 
 @lru_cache(maxsize=1)
