@@ -3,8 +3,8 @@
     python benchmarks/validate_others.py --python other/bin/python --quick
 
 `--python` has the tools, in an environment of its own, so that they are no dependency: MediaPipe up to 0.10.21 brings
-its model, dlib needs a file of 68 points in DLIB_PREDICTOR. What is not there is said and left out. The pictures show the
-lower half of a face, which these tools hardly take for one: how often they find it is the first row.
+its model, dlib needs a file of 68 points in DLIB_PREDICTOR. What is not there is said and left out. The pictures show
+the lower half of a face, which these tools hardly take for one: `found` says how often they do.
 
 An opening is the polygon of the inner lips where it is as high as CLOSED_MW of the mouth's width; these tools know no
 closed mouth and one opening at most.
