@@ -54,7 +54,7 @@ SHORT = {
 }
 _OF_GOALS = """All clips are those of every condition, the extreme ones too. In the mix all conditions vary at once.
 Real pictures are measured by benchmarks/accuracy.py, these clips with other tools by benchmarks/validate_others.py."""
-_OF_COLUMNS = """Median and 10th percentile of the IoU; median errors of height, width and area, in % of the mouth's width
+_OF_COLUMNS = """Median and 10th percentile of the IoU; median errors of height, width and area, in % of the mouth width
 (its square), where the mouth is open and was seen to be; bias: mean of measured less true height. Number of openings
 right, open frames missed, closed ones called open, mouths found: % of frames. Onset: frames, median."""
 _MORE = {
