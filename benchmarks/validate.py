@@ -133,7 +133,6 @@ def write(folder: Path) -> None:
         conditions[method] = conditions["condition"].map(tables[method].set_index("condition")["iou_median"])
         columns[method] = f"{method}'s IoU"
     usual = summaries["default"]
-    processors = usual.get("processor_seconds", float("nan"))
     by_height = by_class(frames, 100 * frames["true_height_px"] / frames["mouth_px"], HEIGHTS_PERCENT, "height, %")
     in_classes = {"frames": "frames"} | {n: t for n, t in SHORT.items() if not n.startswith(("onset", "jitter", "fal"))}
     confidence = pd.DataFrame(usual["confidence"])
@@ -144,8 +143,7 @@ def write(folder: Path) -> None:
     text = [
         "## The detector against the simulator",
         "",
-        f"`python benchmarks/validate.py --write`: {usual['clips']} clips, {usual['frames']} frames, "
-        f"{processors:.0f} s of processor time for the default method, the films included.",
+        f"`python benchmarks/validate.py --write`: {usual['clips']} clips, {usual['frames']} frames of part `report`.",
         "",
         goals(summaries),
         f"Conditions {' / '.join(VERDICTS)}: {trusted}.",
