@@ -10,7 +10,7 @@ import pandas as pd
 
 RESULTS = Path(__file__).with_name("RESULTS.md")
 SECTIONS = (
-    *("accuracy", "speed", "solver", "mouth", "findings"),
+    *("accuracy", "speed", "solver", "stress", "mouth", "findings"),
     *("compare", "recognition", "likeness", "study", "validate"),
 )
 
