@@ -39,8 +39,9 @@ def main() -> None:
     one_core()
     for name in options.part:
         began = time.perf_counter()
-        text = f"## Run time against error: {name}\n\n`python benchmarks/tradeoffs.py --part {name} --write`. {machine()}\n"
-        text += f"\n{PARTS[name](options.repeats)}"
+        command = f"`python benchmarks/tradeoffs.py --part {name} --write`"
+        text = f"## Run time against error: {name}\n\n{command}. {machine()}\n\n"
+        text += f"{PARTS[name](options.repeats)}"
         print(text, f"\n{name}: {time.perf_counter() - began:.0f} s", flush=True)
         if options.write:
             write_section(f"tradeoff_{name}", text)

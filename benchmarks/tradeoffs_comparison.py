@@ -1,8 +1,8 @@
 """The comparison's run time against its error: band and sampling rate.
 
-- Known warping: a smooth movement of `OWN_HZ` samples per second, and the same at other times, warped as much
-  as the utterances of recognition.py are, both with the noise of measuring (utterances.py). Errors are of the time that `align` matches with each
-  moment, mean over the movement, and of the lag.
+- Known warping: a smooth movement of `OWN_HZ` samples per second, and the same at other times, warped as much as the
+  utterances of recognition.py are, both with the noise of measuring (utterances.py). Errors are of the time that
+  `align` matches with each moment, mean over the movement, and of the lag.
 - Recognition: simulated utterances of the `tune` faces, one face left out in turn, as in recognition.py.
 
 Time is that of `pairs` per pair, resampling included, on one thread.
