@@ -114,10 +114,16 @@ def save_forests(path, forests: dict[str, Forest]) -> None:
 
 def load_forest(file, name: str) -> Forest:
     """One forest of a file written by :func:`save_forests`; InputError if its trees are too deep to be used."""
-    with np.load(file) as parts:
-        questions = parts[f"{name}_questions"].astype(np.int32)
-        leaves = np.ascontiguousarray(parts[f"{name}_leaves"])
-        return Forest(questions, parts[f"{name}_single"], leaves, parts[f"{name}_bias"])
+    try:
+        with np.load(file, allow_pickle=False) as parts:
+            questions, single, leaves, bias = (
+                parts[f"{name}_{one}"] for one in ("questions", "single", "leaves", "bias")
+            )
+        return Forest(questions.astype(np.int32), single.astype(bool), np.ascontiguousarray(leaves, np.float32), bias)
+    except InputError:
+        raise
+    except Exception as error:  # a damaged zip or array raises any of a dozen kinds
+        raise InputError(f"expected a file of forests with '{name}' in it, got {file}: {error}") from None
 
 
 @nb.njit(inline="always")
