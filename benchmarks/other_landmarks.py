@@ -3,8 +3,8 @@
     python benchmarks/other_landmarks.py mediapipe VIDEO...
     python benchmarks/other_landmarks.py dlib VIDEO...    # DLIB_PREDICTOR names its file of 68 points
 
-A line has `video`, `frame`, `inner` (the inner lips as a polygon of x, y in px) and `ends` (of the mouth), or null for both
-where no face was found. It is run by validate_others.py, in an environment of its own.
+A line has `video`, `frame`, `inner` (the inner lips as a polygon of x, y in px) and `ends` (of the mouth), or null for
+both where no face was found. It is run by validate_others.py, in an environment of its own.
 """
 
 from __future__ import annotations

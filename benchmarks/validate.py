@@ -18,7 +18,7 @@ from pathlib import Path
 
 import cv2
 import pandas as pd
-from results import machine, markdown, write_section
+from results import markdown, write_section
 
 from lipmetrics import cli
 from lipmetrics.accuracy import load_truth
@@ -114,30 +114,36 @@ def shown(table: pd.DataFrame, index: str, columns: dict[str, str]) -> str:
     return markdown(pd.DataFrame(texts, index=pd.Index(table[index], name=index)))
 
 
-def write(folder: Path) -> None:
-    """Run both methods on the part `report` and write the section of RESULTS.md, the tables and figures of docs/."""
-    summaries, about = {}, machine()
+def run(folder: Path) -> None:
+    """Both methods on the part `report`."""
     for method in METHODS:
         if cli.main(["validate", "-o", str(folder), "--method", method]) not in (cli.DONE, cli.SOME_FAILED):
             raise SystemExit(f"lipmetrics validate --method {method} failed")
-        place = folder if method == "default" else folder / method
-        summaries[method] = json.loads((place / "summary.json").read_text(encoding="utf-8"))
-    conditions, frames = (pd.read_csv(folder / f"{name}.csv") for name in ("conditions", "frames"))
-    of_thesis = pd.read_csv(folder / "thesis" / "conditions.csv")
-    conditions["thesis"] = conditions["condition"].map(of_thesis.set_index("condition")["iou_median"])
+
+
+def write(folder: Path) -> None:
+    """Write the section of RESULTS.md, the tables and figures of docs/ from the reports in a folder."""
+    places = {"default": folder} | {method: folder / method for method in METHODS[1:]}
+    places = {method: place for method, place in places.items() if (place / "summary.json").exists()}
+    summaries = {m: json.loads((place / "summary.json").read_text(encoding="utf-8")) for m, place in places.items()}
+    tables = {m: pd.read_csv(place / "conditions.csv") for m, place in places.items()}
+    conditions, frames = tables["default"], pd.read_csv(folder / "frames.csv")
+    columns = dict(SHORT)
+    for method in [one for one in tables if one != "default"]:
+        conditions[method] = conditions["condition"].map(tables[method].set_index("condition")["iou_median"])
+        columns[method] = f"{method}'s IoU"
     usual = summaries["default"]
     by_height = by_class(frames, 100 * frames["true_height_px"] / frames["mouth_px"], HEIGHTS_PERCENT, "height, %")
     in_classes = {"frames": "frames"} | {n: t for n, t in SHORT.items() if not n.startswith(("onset", "jitter", "fal"))}
     confidence = pd.DataFrame(usual["confidence"])
-    columns = {"frames": "frames", "bad_percent": "bad frames %", "iou_median": "IoU"}
-    table = shown(conditions, "condition", SHORT | {"thesis": "thesis's IoU"})
-    counts = {m: pd.read_csv((folder if m == "default" else folder / m) / "conditions.csv") for m in METHODS}
-    numbers = {m: [str((rows["verdict"] == one).sum()) for one in VERDICTS] for m, rows in counts.items()}
+    of_confidence = {"frames": "frames", "bad_percent": "bad frames %", "iou_median": "IoU"}
+    table = shown(conditions, "condition", columns)
+    numbers = {m: [str((rows["verdict"] == one).sum()) for one in VERDICTS] for m, rows in tables.items()}
     trusted = ", ".join(f"{method} {' / '.join(of_method)}" for method, of_method in numbers.items())
     text = [
         "## The detector against the simulator",
         "",
-        f"`python benchmarks/validate.py --write`: {usual['clips']} clips, {usual['frames']} frames. {about}",
+        f"`python benchmarks/validate.py --write`: {usual['clips']} clips, {usual['frames']} frames of part `report`.",
         "",
         goals(summaries),
         f"Conditions {' / '.join(VERDICTS)}: {trusted}.",
@@ -153,7 +159,7 @@ def write(folder: Path) -> None:
         shown(by_height, "height, %", in_classes),
         "By confidence:",
         "",
-        shown(confidence, "confidence", columns | {"height_percent_median": "height error %"}),
+        shown(confidence, "confidence", of_confidence | {"height_percent_median": "height error %"}),
     ]
     write_section("validate", "\n".join(text))
     page = PAGE.read_text(encoding="utf-8")
@@ -173,9 +179,12 @@ def main() -> None:
     parser.add_argument("--only", nargs="*", default=())
     parser.add_argument("--method", default="default")
     parser.add_argument("--write", action="store_true", help="the whole of part report, into RESULTS.md and docs/")
+    parser.add_argument("--again", action="store_true", help="from the reports that are in -o, without a run")
     parser.add_argument("-o", "--out", default="lipmetrics-validate", help="folder of clips and reports for --write")
     arguments = parser.parse_args()
     if arguments.write:
+        if not arguments.again:
+            run(Path(arguments.out))
         write(Path(arguments.out))
     else:
         quick_score(arguments.part, arguments.quick, arguments.only, arguments.method)

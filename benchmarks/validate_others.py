@@ -2,9 +2,9 @@
 
     python benchmarks/validate_others.py --python other/bin/python --quick
 
-`--python` has the tools, in an environment of its own, so that they are no dependency: MediaPipe up to 0.10.21 brings its
-model, dlib needs a file of 68 points in DLIB_PREDICTOR. What is not there is said and left out. The pictures show the
-lower half of a face, which these tools hardly take for one: how often they find it is the first row.
+`--python` has the tools, in an environment of its own, so that they are no dependency: MediaPipe up to 0.10.21 brings
+its model, dlib needs a file of 68 points in DLIB_PREDICTOR. What is not there is said and left out. The pictures show
+the lower half of a face, which these tools hardly take for one: `found` says how often they do.
 
 An opening is the polygon of the inner lips where it is as high as CLOSED_MW of the mouth's width; these tools know no
 closed mouth and one opening at most.
@@ -70,6 +70,11 @@ def profile_of(lines: list[dict], time_s: np.ndarray) -> Profile:
     return Profile(*tables(frames, openings, width), {"mouth_width_px": width}, outlines, corners)
 
 
+def _without_time(found: dict) -> dict:
+    """Of frames that need not follow one another."""
+    return {name: value for name, value in found.items() if not name.startswith(("onset", "merge", "jitter"))}
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--python", default=sys.executable, help="interpreter that has the tools")
@@ -85,7 +90,7 @@ def main() -> None:
         videos = [folder / f"{clip_key(clip)}.mp4" for clip in there]
         columns = {"default": figures(ours)}
         for tool in TOOLS:
-            lines = lips_of(tool, arguments.python, videos)
+            lines = lips_of(tool, arguments.python, list(dict.fromkeys(videos)))  # the plain tone is a tone too
             if isinstance(lines, str):
                 print(lines)
                 continue
@@ -98,8 +103,9 @@ def main() -> None:
             columns[tool] = figures(theirs)
             found = theirs["found"].astype(bool)
             both = ours.merge(theirs.loc[found, ["clip", "frame"]], on=["clip", "frame"])
-            columns[f"{tool}, where it finds the mouth"] = figures(theirs[found]) if found.any() else {}
-            columns["default, there"] = figures(both) if found.any() else {}
+            if found.any():
+                columns[f"{tool}, where it finds the mouth"] = _without_time(figures(theirs[found]))
+                columns["default, there"] = _without_time(figures(both))
     table = pd.DataFrame({name: {SHOWN[key]: value.get(key) for key in SHOWN} for name, value in columns.items()})
     print(markdown(table.rename_axis("")))
 

@@ -23,6 +23,7 @@ TRUSTED = {
     "height_percent_median": (-math.inf, 1.5),
     "missed_percent": (-math.inf, 5.0),
     "false_percent": (-math.inf, 2.0),
+    "count_right_percent": (95.0, math.inf),
     "found_percent": (98.0, math.inf),
 }
 # what is beyond these is refused
@@ -31,6 +32,7 @@ REFUSED = {
     "height_percent_median": (-math.inf, 4.0),
     "missed_percent": (-math.inf, 20.0),
     "false_percent": (-math.inf, 10.0),
+    "count_right_percent": (80.0, math.inf),
     "found_percent": (90.0, math.inf),
 }
 WIDE_PX = 80.0
@@ -70,6 +72,7 @@ _WORDS = {
     "height_percent_median": "median height error",
     "missed_percent": "open frames missed",
     "false_percent": "closed frames called open",
+    "count_right_percent": "number of openings right",
     "found_percent": "mouths found",
 }
 

@@ -24,6 +24,7 @@ GOOD = {
     "height_percent_median": 0.5,
     "missed_percent": 0.0,
     "false_percent": 0.0,
+    "count_right_percent": 100.0,
     "found_percent": 100.0,
 }
 
@@ -35,6 +36,7 @@ GOOD = {
         ("height_percent_median", 1.6, 4.1),
         ("missed_percent", 5.1, 21),
         ("false_percent", 2.1, 11),
+        ("count_right_percent", 94, 79),
         ("found_percent", 97, 89),
     ],
 )
