@@ -12,6 +12,7 @@ RESULTS = Path(__file__).with_name("RESULTS.md")
 SECTIONS = (
     *("accuracy", "speed", "solver", "stress", "mouth", "findings"),
     *("compare", "recognition", "likeness", "study", "corpus", "levels", "validate"),
+    *("tradeoff_detector", "tradeoff_simulator", "tradeoff_comparison", "regression"),
 )
 
 
