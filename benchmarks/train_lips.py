@@ -23,10 +23,12 @@ from dataclasses import dataclass
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import cv2
 import numba as nb
 import numpy as np
+from simulated_canvases import cut_canvas, draw_pictures, solve_motions
 
 import lipmetrics
 from lipmetrics.artificial import draw, lip_curves, photograph, random_camera, random_face
@@ -55,19 +57,21 @@ class CanvasSet:
     move_mw: float  # spread of its place, along rows and along columns
     turn_rad: float
     closed: float  # share of shut mouths
+    simulated: float = 0.0  # share of canvases cut out of simulated pictures instead of drawn
     far: float = 0.0  # share of canvases whose mouth is FAR_MW from the middle, half or wholly outside
     empty: float = 0.0  # share of canvases with texture and no face at all
 
 
 FAR_MW = 1.4
 DRAWN = (CANVAS[0] * 3 // 4, CANVAS[1] * 3 // 4)  # coarse canvases are drawn larger and averaged down, as in use
+SIMULATED = 0.4
 SETS = {
     # a mouth that is being followed, one frame later
     "tight": CanvasSet(1, 9000, DRAWN, resize=0.13, move_mw=0.07, turn_rad=0.13, closed=0.25),
     # places the search tries: a mouth of the wrong size, half of one, none
     "wide": CanvasSet(2, 9000, DRAWN, resize=0.4, move_mw=0.3, turn_rad=0.2, closed=0.25, far=0.2, empty=0.12),
     # the canvas as it lies when the mouth is measured
-    "fine": CanvasSet(3, 13000, CANVAS, resize=0.07, move_mw=0.04, turn_rad=0.06, closed=0.3, far=0.05, empty=0.04),
+    "fine": CanvasSet(3, 13000, CANVAS, resize=0.07, move_mw=0.04, turn_rad=0.06, closed=0.3, simulated=SIMULATED, far=0.05, empty=0.04),
 }
 
 
@@ -146,11 +150,20 @@ class Questions:
 # --- canvases
 
 
-def draw_canvas(kind: CanvasSet, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """A canvas (rows, cols, 3) uint8 RGB and its shares (3, rows, cols) float32 in the order of SHARES."""
+def draw_canvas(
+    kind: CanvasSet, rng: np.random.Generator, album: Path | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """A canvas (rows, cols, 3) uint8 RGB and its shares (3, rows, cols) float32 in the order of SHARES.
+
+    album : folder of simulated pictures; without one all canvases are drawn
+    """
     square = (kind.size[0], kind.size[1] * ASPECT)
     if rng.random() < kind.empty:
         return narrowed(draw_texture(square, rng)), np.zeros((len(SHARES), *kind.size), np.float32)
+    if album is not None and rng.random() < kind.simulated:
+        away_mw = rng.normal(0, FAR_MW if rng.random() < kind.far else kind.move_mw, 2)
+        turn_rad = rng.normal(0, kind.turn_rad)
+        return cut_canvas(album, kind.size, np.exp(rng.normal(0, kind.resize)), away_mw, turn_rad, kind.closed, rng)
     face = random_face(rng, closed=rng.random() < kind.closed)
     across = np.linspace(-0.5, 0.5, 241) * face.shape.width
     upper, _, _, lower = lip_curves(face.shape, across)
@@ -189,15 +202,19 @@ def draw_texture(size: tuple[int, int], rng: np.random.Generator) -> np.ndarray:
     return photograph(np.clip(picture, 0, 1).astype(np.float32), random_camera(rng), rng)
 
 
-def coarse_example(kind: CanvasSet, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Maps of the coarse stage of a drawn canvas, and the shares (3, *COARSE) to learn."""
-    canvas, shares = draw_canvas(kind, rng)
+def coarse_example(
+    kind: CanvasSet, rng: np.random.Generator, album: Path | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Maps of the coarse stage of a canvas, and the shares (3, *COARSE) to learn."""
+    canvas, shares = draw_canvas(kind, rng, album)
     return coarse_inputs(shrunk(canvas)), np.stack([shrunk(share) for share in shares])
 
 
-def fine_example(coarse: Forest, kind: CanvasSet, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Maps of the fine stage of a drawn canvas, as seen after the forest `coarse`, and shares (3, *CANVAS)."""
-    canvas, shares = draw_canvas(kind, rng)
+def fine_example(
+    coarse: Forest, kind: CanvasSet, rng: np.random.Generator, album: Path | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Maps of the fine stage of a canvas, as seen after the forest `coarse`, and shares (3, *CANVAS)."""
+    canvas, shares = draw_canvas(kind, rng, album)
     odds = log_odds(coarse, coarse_inputs(shrunk(canvas)), PAD, (0, COARSE[0]), (0, COARSE[1]))
     return fine_inputs(canvas, odds), shares
 
@@ -416,14 +433,19 @@ def main() -> None:
     parser.add_argument("-o", "--output", type=Path, help=f"file to write, default {WRITTEN_TO}")
     parser.add_argument("--scale", type=float, default=1.0, help="draw this many times as many canvases")
     parser.add_argument("--processes", type=int, default=2, help="on so many cores; the result is the same")
+    parser.add_argument("--album", type=Path, help="keep the simulated pictures here; drawn once, in some minutes")
     options = parser.parse_args()
     if options.processes < 1 or not 0 < options.scale <= 1:
         parser.error("expected --processes of at least 1 and --scale above 0 and up to 1")
     if options.scale < 1 and options.output is None:
         parser.error("expected -o FILE with --scale: a quick try does not replace the package's own forests")
 
-    coarse = train_stage(COARSE_STAGE, coarse_example, options.scale, options.processes)
-    fine = train_stage(FINE_STAGE, partial(fine_example, coarse), options.scale, options.processes)
+    with TemporaryDirectory() as folder:
+        album = options.album or Path(folder)
+        solve_motions(album, options.processes)
+        draw_pictures(album, options.processes)
+        coarse = train_stage(COARSE_STAGE, partial(coarse_example, album=album), options.scale, options.processes)
+        fine = train_stage(FINE_STAGE, partial(fine_example, coarse, album=album), options.scale, options.processes)
     with whole_file(options.output or WRITTEN_TO) as part, part.open("wb") as file:
         save_forests(file, {"coarse": coarse, "fine": fine})
 
