@@ -24,21 +24,22 @@ import numpy as np
 from lipmetrics.artificial import photograph, random_camera
 from lipmetrics.atomic import whole_file
 from lipmetrics.box import Box, lay_canvas
-from lipmetrics.still import _Still
+from simulator.aperture import shown_positions
 from simulator.camera import Camera
 from simulator.errors import InputError
 from simulator.faces import random_face
 from simulator.look import Inside, Light, Look, Sensor, Skin
-from simulator.mouth import LIPS, SALIVA, Mouth
+from simulator.mouth import SALIVA, Mouth
 from simulator.render import Stage
 from simulator.scene import Face, SalivaPatch, Scene, load_scene
 from simulator.simulate import simulate
-from simulator.aperture import shown_positions
 from simulator.truth import truth
 
 SEED = 51_870
 MOTIONS = 160
-SCENES = tuple(sorted(file.name[:-5] for file in files("simulator").joinpath("scenes").iterdir() if file.name.endswith(".toml")))
+SCENES = tuple(
+    sorted(file.name[:-5] for file in files("simulator").joinpath("scenes").iterdir() if file.name.endswith(".toml"))
+)
 LEVELS = (0.0, 4.0, 7.0, 10.0)  # stickiness: none, slight, normal, strong
 PATCHED = 0.4  # share of motions with a stickier place, which parts the opening in two for a while
 SLIT_MW = 0.1  # openings lower than this are slits
@@ -252,7 +253,11 @@ def _draw_stage(folder: Path, motions: int, number: int) -> None:
             during = tuple((1 - reach) * positions + reach * other for other in others)
         angle, joint = jaw.transform(float(motion.time_s[state_number]))
         picture = stage.draw(
-            positions, state=state, during=during, jaw=(math.degrees(angle), (float(joint[1]), float(joint[2]))), frame=k
+            positions,
+            state=state,
+            during=during,
+            jaw=(math.degrees(angle), (float(joint[1]), float(joint[2]))),
+            frame=k,
         )
         patches = lip_patches(mouth, positions)
         opening = stage.cover(positions, state)
@@ -297,6 +302,18 @@ def _read_png(path: Path) -> np.ndarray:
     return np.ascontiguousarray(cv2.imread(str(path), cv2.IMREAD_COLOR)[..., ::-1])
 
 
+class _Frame:
+    """A picture with what `lay_canvas` asks of a frame."""
+
+    def __init__(self, picture: np.ndarray) -> None:
+        self.picture = picture
+        self.height, self.width = picture.shape[:2]
+
+    def rgb(self, region: tuple[int, int, int, int]) -> np.ndarray:
+        row0, row1, col0, col1 = region
+        return self.picture[row0:row1, col0:col1]
+
+
 def cut_canvas(
     folder: Path,
     size: tuple[int, int],
@@ -327,7 +344,7 @@ def cut_canvas(
     taken = photograph(picture, random_camera(rng), rng)
     box = Box(float(middle[0]), float(middle[1]), width_px, roll)
     canvas, shares = (
-        lay_canvas(_Still(each), box, size) for each in (taken, _read_png(folder / f"{one.stem}.shares.png"))
+        lay_canvas(_Frame(each), box, size) for each in (taken, _read_png(folder / f"{one.stem}.shares.png"))
     )
     if canvas is None:  # beside the picture
         return cut_canvas(folder, size, resize, away_mw / 2, turn_rad, closed, rng, stages)

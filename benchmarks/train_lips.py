@@ -31,12 +31,14 @@ import numpy as np
 from simulated_canvases import cut_canvas, draw_pictures, solve_motions
 
 import lipmetrics
+from lipmetrics import border
 from lipmetrics.artificial import draw, lip_curves, photograph, random_camera, random_face
 from lipmetrics.atomic import whole_file
 from lipmetrics.box import ASPECT, CANVAS, COARSE, MOUTH
+from lipmetrics.decode import decode
 from lipmetrics.features import COARSE_COUNT, FINE_COUNT, MAX_OFFSET, PAD
 from lipmetrics.forest import Forest, log_odds, save_forests
-from lipmetrics.lips import LIP, coarse_inputs, fine_inputs, shrunk
+from lipmetrics.lips import LIP, OPENING, LipSettings, coarse_inputs, fine_inputs, shrunk
 
 SHARES = ("mouth", "opening", "lower lip")  # what is known of a pixel, in the order of lips.LIP, OPENING, LOWER
 WRITTEN_TO = Path(lipmetrics.__file__).parent / "data" / "lips.npz"
@@ -71,7 +73,20 @@ SETS = {
     # places the search tries: a mouth of the wrong size, half of one, none
     "wide": CanvasSet(2, 9000, DRAWN, resize=0.4, move_mw=0.3, turn_rad=0.2, closed=0.25, far=0.2, empty=0.12),
     # the canvas as it lies when the mouth is measured
-    "fine": CanvasSet(3, 13000, CANVAS, resize=0.07, move_mw=0.04, turn_rad=0.06, closed=0.3, simulated=SIMULATED, far=0.05, empty=0.04),
+    "fine": CanvasSet(
+        3,
+        13000,
+        CANVAS,
+        resize=0.07,
+        move_mw=0.04,
+        turn_rad=0.06,
+        closed=0.3,
+        simulated=SIMULATED,
+        far=0.05,
+        empty=0.04,
+    ),
+    # the same, open and new to the other forests
+    "border": CanvasSet(4, 5000, CANVAS, resize=0.07, move_mw=0.04, turn_rad=0.06, closed=0.1, simulated=SIMULATED),
 }
 
 
@@ -123,6 +138,20 @@ FINE_STAGE = Stage(
     spread_px=5.0,  # half of the height of a lip on this canvas
     nearby=0.4,  # the border of an opening is told by the pixels at both sides of it
 )
+BORDER_STAGE = Stage(
+    name="border",
+    sets=("border",),
+    maps=border.COUNT,
+    outputs=1,
+    trees=60,
+    depth=6,
+    rate=0.2,
+    questions=800,
+    tried=120,
+    spread_px=4.0,
+    nearby=0.5,
+)
+BORDERS = 40  # places of each canvas and of each opening on it
 PIXELS = 80  # of each canvas: its pixels resemble one another, so more canvases teach more than more pixels
 NEAR_LIPS_PX = (5.0, 2.5)  # rows, columns: spread of the pixels that are taken around the lips, where mistakes are made
 ROW_SHARE = 0.4  # of the pixels choose a tree's questions: faster, and trees differ; all of them set its leaves
@@ -150,9 +179,7 @@ class Questions:
 # --- canvases
 
 
-def draw_canvas(
-    kind: CanvasSet, rng: np.random.Generator, album: Path | None = None
-) -> tuple[np.ndarray, np.ndarray]:
+def draw_canvas(kind: CanvasSet, rng: np.random.Generator, album: Path | None = None) -> tuple[np.ndarray, np.ndarray]:
     """A canvas (rows, cols, 3) uint8 RGB and its shares (3, rows, cols) float32 in the order of SHARES.
 
     album : folder of simulated pictures; without one all canvases are drawn
@@ -217,6 +244,51 @@ def fine_example(
     canvas, shares = draw_canvas(kind, rng, album)
     odds = log_odds(coarse, coarse_inputs(shrunk(canvas)), PAD, (0, COARSE[0]), (0, COARSE[1]))
     return fine_inputs(canvas, odds), shares
+
+
+def border_example(
+    coarse: Forest, fine: Forest, kind: CanvasSet, rng: np.random.Generator, album: Path | None = None
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Of each border of the openings that are found on a canvas: the straightened maps, and how far off it is.
+
+    The second, (n,), is the share of 2 REACH by which the true border lies into the opening, plus a half; NaN where
+    the opening is not truly open.
+    """
+    canvas, shares = draw_canvas(kind, rng, album)
+    odds = log_odds(coarse, coarse_inputs(shrunk(canvas)), PAD, (0, COARSE[0]), (0, COARSE[1]))
+    maps = fine_inputs(canvas, odds)
+    odds = log_odds(fine, maps, PAD, (0, CANVAS[0]), (0, CANVAS[1]))
+    mouth = decode(odds, lean=LipSettings().lean)
+    found = []
+    for begin, end in mouth.open_runs(LipSettings().switch) if mouth is not None else ():
+        left, upper, lower = mouth.left + begin, mouth.upper[begin:end], mouth.lower[begin:end]
+        truth = true_borders(shares[OPENING][:, left : left + end - begin], upper, lower)
+        for side, measured, true in ((border.UPPER, upper, truth[0]), (border.LOWER, lower, truth[1])):
+            off = np.clip(side * (true - measured) / (2 * border.REACH), -0.5, 0.5) + 0.5
+            found.append((border.straightened(maps, odds, (0, 0), left, upper, lower, side), off))
+    return found
+
+
+def true_borders(opening: np.ndarray, upper: np.ndarray, lower: np.ndarray) -> np.ndarray:
+    """Rows (2, n) where the opening, shares (rows, n), begins and ends in each column; NaN where there is none.
+
+    Of several openings in a column it is the one with the greatest share of what was found, from upper to lower (n,).
+    """
+    truth = np.full((2, opening.shape[1]), np.nan)
+    rows = np.arange(len(opening))
+    for j, column in enumerate(opening.T):
+        is_open = np.concatenate([[False], column > 0.02, [False]])
+        best = 0.0
+        for begin, end in np.flatnonzero(is_open[1:] != is_open[:-1]).reshape(-1, 2):
+            part = column[begin:end]
+            near = (rows[begin:end] > upper[j] - 3) & (rows[begin:end] < lower[j] + 3)
+            if part[near].sum() > best:
+                best, middle = part[near].sum(), begin + int(part.argmax())
+                truth[:, j] = (
+                    middle + 0.5 - column[begin : middle + 1].sum(),
+                    middle + 0.5 + column[middle + 1 : end].sum(),
+                )
+    return truth
 
 
 def choose_pixels(lip: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
@@ -425,6 +497,34 @@ def train_stage(stage: Stage, example: Example, scale: float = 1.0, processes: i
     return grow(stage, questions, edges, bins, shares[:, : stage.outputs], rng, processes)
 
 
+def read_borders(example, questions: Questions, task: tuple[CanvasSet, int]) -> tuple[np.ndarray, np.ndarray]:
+    """Answers (F, n) int16 and shares (n, 1) of up to BORDERS places of the borders on a canvas."""
+    kind, index = task
+    rng = np.random.default_rng([SEED, kind.number, index])
+    answers, shares = [np.empty((len(questions.single), 0), np.int16)], [np.empty((0, 1), np.float32)]
+    for maps, off in example(kind, rng):
+        cols = np.flatnonzero(np.isfinite(off))
+        cols = rng.choice(cols, min(len(cols), BORDERS // 2), replace=False)
+        answers.append(ask(questions, maps, np.zeros(len(cols), int), cols))
+        shares.append(off[cols, None].astype(np.float32))
+    return np.concatenate(answers, axis=1), np.concatenate(shares)
+
+
+def train_borders(example, scale: float = 1.0, processes: int = 1) -> Forest:
+    """Grow the forest that moves borders, as :func:`train_stage`."""
+    stage = BORDER_STAGE
+    rng = np.random.default_rng([SEED, *stage.name.encode()])
+    tasks = [(SETS[name], i) for name in stage.sets for i in range(max(1, round(scale * SETS[name].count)))]
+    questions = random_questions(stage, rng)
+    read = list(_spread(partial(read_borders, example, questions), tasks, processes))
+    answers, shares = (
+        np.concatenate(each, axis=axis) for each, axis in zip(zip(*read, strict=True), (1, 0), strict=True)
+    )
+    edges = bin_edges(answers[:, :: max(1, answers.shape[1] // (EDGE_CANVASES * PIXELS))])
+    print(f"{stage.name}: {len(tasks)} canvases, {len(shares)} places", flush=True)
+    return grow(stage, questions, edges, to_bins(answers, edges), shares, rng, processes)
+
+
 # --- command line
 
 
@@ -446,8 +546,10 @@ def main() -> None:
         draw_pictures(album, options.processes)
         coarse = train_stage(COARSE_STAGE, partial(coarse_example, album=album), options.scale, options.processes)
         fine = train_stage(FINE_STAGE, partial(fine_example, coarse, album=album), options.scale, options.processes)
+        example = partial(border_example, coarse, fine, album=album)
+        borders = train_borders(example, options.scale, options.processes)
     with whole_file(options.output or WRITTEN_TO) as part, part.open("wb") as file:
-        save_forests(file, {"coarse": coarse, "fine": fine})
+        save_forests(file, {"coarse": coarse, "fine": fine, "border": borders})
 
 
 if __name__ == "__main__":
