@@ -112,9 +112,14 @@ def save_forests(path, forests: dict[str, Forest]) -> None:
     np.savez_compressed(path, **parts)
 
 
-def load_forest(file, name: str) -> Forest:
-    """One forest of a file written by :func:`save_forests`; InputError if its trees are too deep to be used."""
+def load_forest(file, name: str, optional: bool = False) -> Forest | None:
+    """One forest of a file written by :func:`save_forests`; InputError if its trees are too deep to be used.
+
+    optional : None where the file has none of this name, instead of a KeyError
+    """
     with np.load(file) as parts:
+        if optional and f"{name}_bias" not in parts:
+            return None
         questions = parts[f"{name}_questions"].astype(np.int32)
         leaves = np.ascontiguousarray(parts[f"{name}_leaves"])
         return Forest(questions, parts[f"{name}_single"], leaves, parts[f"{name}_bias"])
