@@ -10,8 +10,8 @@ import pandas as pd
 
 RESULTS = Path(__file__).with_name("RESULTS.md")
 SECTIONS = (
-    *("accuracy", "speed", "solver", "mouth", "findings"),
-    *("compare", "recognition", "likeness", "study"),
+    *("accuracy", "speed", "solver", "stress", "mouth", "findings"),
+    *("compare", "recognition", "likeness", "study", "corpus", "levels"),
 )
 
 

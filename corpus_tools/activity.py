@@ -155,7 +155,7 @@ def _change(difference: np.ndarray) -> float:
 def _loudness(path: Path, first_s: float) -> tuple[np.ndarray, np.ndarray]:
     """Times of windows of 20 ms, from the first picture, and their root mean square in dB below full scale."""
     sums, counts = array("d"), array("q")
-    with av.open(f"file:{path}", options={"protocol_whitelist": "file"}) as container:
+    with av.open(f"file:{path}", options={"protocol_whitelist": "file"}, metadata_errors="replace") as container:
         stream = container.streams.audio[0]
         if stream.codec_context is None:
             return np.empty(0), np.empty(0)

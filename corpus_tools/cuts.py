@@ -121,7 +121,10 @@ def _rows(path: Path) -> list[list[str]]:
         raise InputError(f"expected a cut list in CSV, got {path}: {reason}") from None
     head = text.split("\n", 1)[0]
     divider = next((sign for sign in (";", "\t") if sign in head and "," not in head), ",")
-    rows = [[cell.strip() for cell in row] for row in csv.reader(io.StringIO(text), delimiter=divider) if any(row)]
+    try:
+        rows = [[cell.strip() for cell in row] for row in csv.reader(io.StringIO(text), delimiter=divider) if any(row)]
+    except csv.Error as error:
+        raise InputError(f"expected a cut list in CSV, got {path}: {error}") from None
     if not rows:
         raise InputError(f"expected a cut list in CSV, got {path}, which is empty")
     for number, row in enumerate(rows[1:], 2):

@@ -184,7 +184,9 @@ def _write(take: LongTake, one: Made, decoded, crf: int | None, part: Path) -> s
         if head is None:
             raise InputError("none of its pictures can be decoded")
         kind, sound = "none", iter(())
-        with av.open(f"file:{take.path}", options={"protocol_whitelist": "file"}) as listened:
+        with av.open(
+            f"file:{take.path}", options={"protocol_whitelist": "file"}, metadata_errors="replace"
+        ) as listened:
             if listened.streams.audio and listened.streams.audio[0].codec_context is not None:
                 kind, sound = _sound(take, one, listened, target)
             moving = _first_then(head, moving)

@@ -13,7 +13,6 @@ import io
 import json
 import math
 import re
-import tomllib
 from collections.abc import Iterable, Sequence
 from importlib.resources import files
 from pathlib import Path
@@ -22,6 +21,7 @@ from corpus_tools.naming import Template, Value
 from corpus_tools.wording import nearest, short
 from lipmetrics.atomic import whole_file
 from lipmetrics.errors import InputError
+from lipmetrics.toml_text import parse_toml
 
 TEXTS = ("ready", "lick", "next", "wait", "again", "paused", "done")
 MOST_REPETITIONS_N = 1000
@@ -192,8 +192,8 @@ def load_protocol(path: str | Path | None = None) -> Protocol:
     where = "the built-in protocol" if path is None else str(path)
     try:
         text = protocol_text() if path is None else Path(path).read_text(encoding="utf-8")
-        table = tomllib.loads(text)
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        table = parse_toml(text)
+    except (OSError, ValueError, RecursionError) as error:
         reason = getattr(error, "strerror", None) or " ".join(str(error).split())
         raise InputError(
             f"expected a protocol in TOML, got {where}: {reason}; 'lipmetrics corpus protocol --print' shows one"

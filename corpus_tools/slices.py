@@ -135,7 +135,7 @@ def read_lombard_alignment(path: str | Path) -> tuple[Slice, ...]:
     try:
         (phones,) = json.loads(_text(path)).values()
         entries = [(str(one["phone"]), float(one["offset"]), float(one["duration"])) for one in phones]
-    except (ValueError, TypeError, KeyError, AttributeError):
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError, OverflowError):
         raise InputError(
             f"expected phones of one clip as {{name: [{{phone, offset, duration}}, ...]}} in {path}, got another form"
         ) from None

@@ -22,7 +22,7 @@ import os
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping
 from contextlib import ExitStack, nullcontext
-from functools import lru_cache
+from functools import lru_cache, wraps
 from pathlib import Path
 
 import h5py
@@ -33,11 +33,12 @@ from corpus_tools.clips import Clip, Slice
 from corpus_tools.wording import nearest
 from lipmetrics.errors import InputError
 from lipmetrics.look import CLOSED, NO_MOUTH, OPEN
-from lipmetrics.profile import FRAME_COLUMNS, OPENING_COLUMNS, Profile, without_nan
+from lipmetrics.profile import FRAME_COLUMNS, OPENING_COLUMNS, Profile, with_mouth_width, without_nan
 from lipmetrics.take import Take
 from lipmetrics.takes import take_of_profile
 
 FORMAT = "lipmetrics corpus store"
+MOST_SHRUNK = 1100  # times that deflate makes anything smaller, at most
 VERSION = 1  # goes up when an older reader would misread a newer file
 STATUS = {OPEN: 0, CLOSED: 1, NO_MOUTH: 2}
 EVENT = {"": 0, "new": 1, "split": 2, "merge": 3}
@@ -49,6 +50,24 @@ _CODES = {"status": STATUS, "event": EVENT}
 _WHOLE = {"frame": "int64", "opening": "int64"}
 
 Where = Mapping[str, object] | Callable[[Mapping[str, object]], bool] | None
+
+
+def _readable(method: Callable) -> Callable:
+    """A method of a store that says in one sentence what in a damaged one it cannot read."""
+
+    @wraps(method)
+    def read(self, *arguments, **settings):
+        try:
+            return method(self, *arguments, **settings)
+        except InputError:
+            raise
+        except (OSError, LookupError, RuntimeError, ValueError, TypeError, AttributeError, OverflowError) as error:
+            raise InputError(
+                f"expected a store that 'lipmetrics corpus run' wrote, got {self.path}, which is damaged: "
+                f"{type(error).__name__} {error}"
+            ) from None
+
+    return read
 
 
 class Store:
@@ -67,10 +86,14 @@ class Store:
         self.path = Path(path)
         self._file = _open(self.path)
         try:
-            self.version = _checked_version(self._file, self.path)
+            self.version = self._checked_version()
         except InputError:
             self._file.close()
             raise
+
+    @_readable
+    def _checked_version(self) -> int:
+        return _checked_version(self._file, self.path)
 
     def __enter__(self) -> Store:
         return self
@@ -82,33 +105,38 @@ class Store:
         self._file.close()
 
     @property
+    @_readable
     def names(self) -> list[str]:
         """Names of the measured clips, in order."""
         return list(self._group("clips"))
 
     @property
+    @_readable
     def failed(self) -> dict[str, str]:
         """Why, by name, of the clips that could not be measured."""
         return {name: _text(group["reason"]) for name, group in self._group("failed").items()}
 
+    @_readable
     def fields(self, name: str) -> dict[str, str | int | float | None]:
         """What the name of a clip says: speaker, utterance, repeat, ..."""
         return dict(self._about(name)["fields"])
 
+    @_readable
     def words(self, name: str) -> tuple[Slice, ...]:
         """Labelled parts of a clip, s from the start of its video."""
         return tuple(Slice(**word) for word in self._about(name)["words"])
 
+    @_readable
     def profile(self, name: str) -> Profile:
         """A clip's tables and provenance, as `lipmetrics.measure` gave them.
 
         Raises InputError for a name that is not there.
         """
         group = self._clip(name)
-        meta = json.loads(_text(group["provenance"]))
-        meta["mouth_width_px"] = math.nan if meta.get("mouth_width_px") is None else float(meta["mouth_width_px"])
+        meta = with_mouth_width(json.loads(_text(group["provenance"])), f"{self.path}, {name}")
         return Profile(_table(group["frames"], FRAME_COLUMNS), _table(group["openings"], OPENING_COLUMNS), meta)
 
+    @_readable
     def take(self, name: str, *, unit: str = "mw") -> Take:
         """A clip as a take; `meta["fields"]` and `meta["words"]` say what it is of.
 
@@ -164,12 +192,13 @@ class Store:
             if all(_fits(fields.get(field), value) for field, value in where.items())
         ]
 
+    @_readable
     def table(self) -> pd.DataFrame:
         """A row per clip, failed ones too: name, the fields, frames_n, length_s, mouth_width_px, reason."""
         rows = []
         for name in self.names:
             group = self._clip(name)
-            times = group["frames/time_s"]
+            times = _values(group["frames/time_s"])
             length_s = float(times[-1] - times[0]) if len(times) else math.nan
             width_px = json.loads(_text(group["provenance"])).get("mouth_width_px")
             facts = {"frames_n": len(times), "length_s": length_s, "mouth_width_px": width_px, "reason": ""}
@@ -178,6 +207,7 @@ class Store:
             rows.append({"name": name, **_about(group)["fields"], "frames_n": 0, "reason": _text(group["reason"])})
         return pd.DataFrame(rows).sort_values("name", ignore_index=True) if rows else pd.DataFrame(columns=["name"])
 
+    @_readable
     def keys(self) -> dict[str, Key]:
         """What each clip was measured from and how, failed ones too."""
         found = {}
@@ -204,6 +234,7 @@ class Store:
             raise InputError(f"expected a clip of {self.path}, got {nearest(name, clips)}")
         return clips[name]
 
+    @_readable
     def _about(self, name: str) -> dict:
         return _about(self._clip(name))
 
@@ -381,8 +412,17 @@ def _put(group: h5py.Group, name: str, values: np.ndarray) -> None:
     dataset.write(h5py.h5s.ALL, h5py.h5s.ALL, np.ascontiguousarray(values))
 
 
+def _values(dataset: h5py.Dataset) -> np.ndarray:
+    """A data set's values, if it is not much larger than what the file holds of it: what is declared costs nothing."""
+    if not isinstance(dataset, h5py.Dataset) or dataset.shape is None:
+        raise ValueError(f"no values in {getattr(dataset, 'name', dataset)}")
+    if dataset.nbytes > MOST_SHRUNK * dataset.id.get_storage_size() + 1e5:
+        raise ValueError(f"{dataset.name} declares {dataset.nbytes} bytes and holds {dataset.id.get_storage_size()}")
+    return dataset[()]
+
+
 def _text(dataset: h5py.Dataset) -> str:
-    return dataset[()].tobytes().decode()
+    return _values(dataset).tobytes().decode()
 
 
 def _column(values: pd.Series, name: str) -> np.ndarray:
@@ -398,7 +438,7 @@ def _column(values: pd.Series, name: str) -> np.ndarray:
 def _table(group: h5py.Group, columns: Collection[str]) -> pd.DataFrame:
     table = {}
     for name in columns:
-        values = group[name][()]
+        values = _values(group[name])
         if name in _CODES:
             words = np.array(list(_CODES[name]), object)
             table[name] = pd.Series(words[values], dtype=str)

@@ -34,7 +34,7 @@ def load_truth(path: str | Path) -> Profile:
         frames = json.loads(polygons.read_text(encoding="utf-8"))["frames"]
         outlines = [[np.array(each["outline"], float) for each in frame["openings"]] for frame in frames]
         fits = all(outline.ndim == 2 and outline.shape[1] == 2 for frame in outlines for outline in frame)
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, RecursionError, OverflowError) as error:
         raise InputError(f"expected {polygons} to be outlines that the simulator wrote, but: {error}") from None
     counts = truth.frames["n_openings"].to_numpy(float, na_value=0)
     if not fits or len(outlines) != len(counts) or (counts != [len(frame) for frame in outlines]).any():

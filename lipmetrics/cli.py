@@ -266,7 +266,7 @@ def _refuse_to_replace_another(path: Path, name: str) -> None:
     """Two clips of one name, measured one after the other into one folder, must not replace each other unseen."""
     try:
         there = json.loads(path.read_text(encoding="utf-8"))["file"]
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return
     if there != name:
         raise InputError(f"{path} is the profile of another clip, {there}; choose another -o or give --overwrite")

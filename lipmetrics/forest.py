@@ -115,14 +115,20 @@ def save_forests(path, forests: dict[str, Forest]) -> None:
 def load_forest(file, name: str, optional: bool = False) -> Forest | None:
     """One forest of a file written by :func:`save_forests`; InputError if its trees are too deep to be used.
 
-    optional : None where the file has none of this name, instead of a KeyError
+    optional : None where the file has none of this name, instead of an error
     """
-    with np.load(file) as parts:
-        if optional and f"{name}_bias" not in parts:
-            return None
-        questions = parts[f"{name}_questions"].astype(np.int32)
-        leaves = np.ascontiguousarray(parts[f"{name}_leaves"])
-        return Forest(questions, parts[f"{name}_single"], leaves, parts[f"{name}_bias"])
+    try:
+        with np.load(file, allow_pickle=False) as parts:
+            if optional and f"{name}_bias" not in parts:
+                return None
+            questions, single, leaves, bias = (
+                parts[f"{name}_{one}"] for one in ("questions", "single", "leaves", "bias")
+            )
+        return Forest(questions.astype(np.int32), single.astype(bool), np.ascontiguousarray(leaves, np.float32), bias)
+    except InputError:
+        raise
+    except Exception as error:  # a damaged zip or array raises any of a dozen kinds
+        raise InputError(f"expected a file of forests with '{name}' in it, got {file}: {error}") from None
 
 
 @nb.njit(inline="always")

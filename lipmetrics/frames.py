@@ -338,7 +338,7 @@ def open_video(path: Path) -> Iterator[tuple[av.container.InputContainer, av.Vid
         raise InputError(f"expected a video, but {path} is empty (0 bytes); copy or record it again")
     try:
         # The prefix and the whitelist keep odd file names and playlists from opening anything but this file.
-        container = av.open(f"file:{path}", options={"protocol_whitelist": "file"})
+        container = av.open(f"file:{path}", options={"protocol_whitelist": "file"}, metadata_errors="replace")
     except (av.error.FFmpegError, OSError) as error:
         raise InputError(
             f"cannot read {path} as a video ({error.strerror}): expected mp4, mov, avi, mpg, mkv or webm, but it is "
@@ -351,6 +351,9 @@ def open_video(path: Path) -> Iterator[tuple[av.container.InputContainer, av.Vid
         if not streams:
             what = "sound only" if container.streams.audio else "no moving picture"
             raise InputError(f"expected a video, but {path} holds {what}; give the recording with its picture")
+        streams = [s for s in streams if s.codec_context is not None]
+        if not streams:
+            raise InputError(f"expected a video, but {path} holds a kind of picture that is unknown; convert it to mp4")
         stream = max(streams, key=lambda s: (bool(s.disposition & Disposition.default), s.width * s.height))
         _check_size(path, stream.width, stream.height)
         stream.codec_context.thread_count = decoder_threads_n
@@ -627,7 +630,10 @@ def _times_in_file(path: Path) -> list[str]:
     if not lines:
         raise InputError(f"expected times in seconds in {path}, but it is empty")
     delimiter = next((sign for sign in ("\t", ";", ",") if sign in lines[0]), ",")
-    rows = [[cell.strip() for cell in row] for row in csv.reader(lines, delimiter=delimiter)]
+    try:
+        rows = [[cell.strip() for cell in row] for row in csv.reader(lines, delimiter=delimiter)]
+    except csv.Error as error:
+        raise InputError(f"expected times in seconds in {path}, but: {error}") from None
     if "time_s" in rows[0]:
         column = rows[0].index("time_s")
         return [row[column] if column < len(row) else "" for row in rows[1:]]

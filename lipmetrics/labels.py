@@ -122,7 +122,10 @@ def read_list(path: str | Path) -> dict[Path, Labels]:
         fields = {str(key).strip(): (value or "").strip() for key, value in row.items() if isinstance(value, str)}
         if not fields.get("path"):
             raise InputError(f"expected a path in every row of {path}, found none in line {number}")
-        take = normal(path.parent / fields["path"])
+        try:
+            take = normal(path.parent / fields["path"])
+        except (OSError, ValueError, RuntimeError) as error:
+            raise InputError(f"expected the path of a take in line {number} of {path}, but: {error}") from None
         if take in found:
             raise InputError(f"expected each take once in {path}, got {fields['path']!r} again in line {number}")
         found[take] = Labels(**{name: fields.get(name) or None for name in FIELDS})

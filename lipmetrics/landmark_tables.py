@@ -203,7 +203,7 @@ def _points_of_long(table: pd.DataFrame, number: str, path: Path):
     frames, first, row = np.unique(table[key].to_numpy(), return_index=True, return_inverse=True)
     x, y, numbers = (_numbers(table[name], path) for name in ("x", "y", number))
     points = {}
-    for n in np.unique(numbers[numbers == np.floor(numbers)]):
+    for n in np.unique(numbers[np.isfinite(numbers) & (numbers == np.floor(numbers))]):
         here = numbers == n
         points[int(n)] = tuple(np.full(len(frames), math.nan) for _ in "xy")
         for values, column in zip(points[int(n)], (x, y), strict=True):

@@ -10,10 +10,10 @@ import glob
 import json
 import math
 import re
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from tokenize import TokenError  # of numpy's reader of headers
 
 import numpy as np
 import pandas as pd
@@ -22,6 +22,7 @@ from lipmetrics.errors import InputError
 from lipmetrics.look import CLOSED, NO_MOUTH, OPEN
 from lipmetrics.loops import HEIGHT, stretches, tables
 from lipmetrics.profile import resting_mouth_width
+from lipmetrics.toml_text import parse_toml
 
 GAP_MW = 0.01
 UP = {"y": (1, 1.0), "-y": (1, -1.0), "z": (2, 1.0), "-z": (2, -1.0)}
@@ -255,13 +256,13 @@ def _loop_of_file(path: Path) -> dict:
         raise InputError(f"expected {path} to be text with vertex numbers, but: {_one_line(error)}") from None
     try:
         if path.suffix.lower() == ".toml":
-            found = tomllib.loads(text)
+            found = parse_toml(text)
         elif path.suffix.lower() == ".json" or text.lstrip()[:1] in ("[", "{"):
             found = json.loads(text)
         else:
             lines = (line.split("#")[0] for line in text.splitlines())
             found = [int(word) for line in lines for word in re.split(r"[\s,;]+", line) if word]
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(f"expected vertex numbers in {path}, but: {_one_line(error)}") from None
     if isinstance(found, list):
         found = {"loop": found}
@@ -352,7 +353,7 @@ def _points_of_array(path: Path, vertices: Sequence[int]) -> np.ndarray:
         array = np.load(path, mmap_mode="r", allow_pickle=False)
     except FileNotFoundError:
         raise InputError(f"expected the array {path}, found no such file") from None
-    except (OSError, ValueError, EOFError) as error:
+    except (OSError, ValueError, TypeError, EOFError, OverflowError, MemoryError, TokenError) as error:
         raise InputError(f"expected {path} to be an array (T, V, 3) saved by numpy, but: {_one_line(error)}") from None
     if not isinstance(array, np.ndarray) or array.dtype.kind not in "fiu":
         kind = getattr(array, "dtype", type(array).__name__)

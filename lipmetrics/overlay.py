@@ -233,7 +233,7 @@ def _video_packets(
 
 
 def _open_sound(source: str | Path):
-    return av.open(f"file:{source}", options={"protocol_whitelist": "file"})
+    return av.open(f"file:{source}", options={"protocol_whitelist": "file"}, metadata_errors="replace")
 
 
 def _audio_packets(

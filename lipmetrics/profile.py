@@ -211,7 +211,13 @@ def _read_table(path: Path, columns: tuple[str, ...]) -> pd.DataFrame:
     if not table[list(_WHOLE & set(columns) - {"n_openings"})].notna().all(axis=None):
         raise InputError(f"expected a number in every row of frame and opening in {path}, found an empty field")
     whole = {c: "Int64" if c == "n_openings" else "int64" for c in columns if c in _WHOLE}
-    return table[list(columns)].astype(whole)
+    for name in whole:
+        if not (table[name].dropna() % 1 == 0).all():
+            raise InputError(f"expected whole numbers of frames and openings in {path}, found another under {name}")
+    try:
+        return table[list(columns)].astype(whole)
+    except (ValueError, TypeError) as error:
+        raise InputError(f"expected whole numbers of frames and openings in {path}, but: {_one_line(error)}") from None
 
 
 def _read_meta(path: Path) -> dict:
@@ -219,13 +225,25 @@ def _read_meta(path: Path) -> dict:
         meta = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise InputError(f"expected the provenance {path} beside the tables, found no such file") from None
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise InputError(f"expected {path} to be JSON that lipmetrics wrote, but: {_one_line(error)}") from None
     if not isinstance(meta, dict) or meta.get("format") != FORMAT:
         found = meta.get("format") if isinstance(meta, dict) else type(meta).__name__
         raise InputError(f"expected {path} to say format '{FORMAT}', got {found!r}")
-    meta["mouth_width_px"] = math.nan if meta.get("mouth_width_px") is None else float(meta["mouth_width_px"])
-    return meta
+    return with_mouth_width(meta, str(path))
+
+
+def with_mouth_width(meta: dict, where: str) -> dict:
+    """What a profile's JSON says, with NaN for a mouth width that is unknown; InputError for one that is no number."""
+    width = meta.get("mouth_width_px")
+    if width is not None and (isinstance(width, bool) or not isinstance(width, int | float)):
+        raise InputError(f"expected mouth_width_px in {where} to be a number or null, got {width!r}")
+    try:
+        return meta | {"mouth_width_px": math.nan if width is None else float(width)}
+    except OverflowError:
+        raise InputError(
+            f"expected mouth_width_px in {where} to be a width in px, got a number of {len(str(width))} digits"
+        ) from None
 
 
 def without_nan(value):

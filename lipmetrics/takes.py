@@ -443,7 +443,7 @@ def _read_csv(path: Path) -> pd.DataFrame:
         return pd.read_csv(path, keep_default_na=False, na_values=[""], dtype={"event": str, "parents": str})
     except FileNotFoundError:
         raise InputError(f"expected the table {path} beside the clip's others, found no such file") from None
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, OverflowError) as error:
         raise InputError(f"expected {path} to be a table, but: {' '.join(str(error).split())}") from None
 
 
@@ -466,10 +466,13 @@ def _of_tables(
     ends = [f"{axis}_{end}" + f"_{u}" * (u == "m") for axis in ("col", "row") for end in ("min", "max")]
     centre = [f"centroid_{axis}" + f"_{u}" * (u == "m") for axis in ("col", "row")]
     wanted = ["frame", "time_s", "opening", *ends, f"width_{u}", f"height_{u}", f"area_{u}{square}", *centre]
-    for table, needs in ((frames, ["time_s", *(c for c, _ in columns.values())]), (openings, wanted)):
+    both = ((frames, ["frame", "time_s", *(c for c, _ in columns.values())]), (openings, wanted))
+    for table, needs in both:
         missing = [column for column in needs if column not in table.columns]
         if missing:
             raise InputError(f"{name}: expected a profile's tables, missing the columns {', '.join(missing)}")
+    frames, openings = (_with_numbers(table, [c for c in needs if c in table.columns], name) for table, needs in both)
+    openings = openings.reindex(columns=list(dict.fromkeys([*openings.columns, "event", "parents"])))
     counted = openings["frame"].value_counts().reindex(frames["frame"], fill_value=0).to_numpy()
     if counted.sum() != len(openings) or (counted != frames["n_openings"].to_numpy(float, na_value=0)).any():
         raise InputError(
@@ -505,11 +508,22 @@ def _of_tables(
     return Take(name, frames["time_s"].to_numpy(float), channels, unit, table, source, meta | {"origin": how})
 
 
+def _with_numbers(table: pd.DataFrame, columns: list[str], name: str) -> pd.DataFrame:
+    """The table, if there are numbers in these columns."""
+    for column in columns:
+        if table[column].dtype.kind not in "fiu":
+            raise InputError(f"{name}: expected numbers in the column '{column}' of its tables, found text")
+    return table
+
+
 def _origin(openings: pd.DataFrame, ends: list[str], meta: dict, table_unit: str) -> tuple[float, float, str]:
     """Column and row of the middle of the mouth in the table's unit, and how it was found."""
     if table_unit == "m":
         return 0.0, 0.0, "middle of the closed lips"
-    corners = np.array(meta.get("corners_px", []), float)
+    try:
+        corners = np.array(meta.get("corners_px") or [], float)
+    except (TypeError, ValueError, OverflowError):
+        corners = np.empty(0)
     if corners.shape == (2, 2) and np.isfinite(corners).all():
         row, col = corners.mean(axis=0)
         return float(col), float(row), "middle between the corners at rest"

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from simulator import elements as geometry
-from simulator import film, kernels
+from simulator import film, kernels, timestep
 from simulator.errors import InputError
 from simulator.materials import NeoHookean, StVenantKirchhoff, ViscoNeoHookean
 from simulator.model import Displacement, Fixed, Force, Gravity, Model, Pressure
@@ -189,7 +189,7 @@ def film_arrays(model: Model, parts: Partition) -> tuple[film.Film, np.ndarray]:
     if model.saliva is None:
         none, ends, starts = np.zeros(0), np.zeros((0, 4), np.uintp), np.zeros(count + 1, np.int64)
         empty = np.zeros((0, 4)), np.zeros((0, 4)), *[none] * 6, np.ones(2), np.zeros((0, film.MEMORY)), starts
-        return film.Film(ends, ends, *empty, *_pairs(ends, ends, parts)), np.zeros(0, np.int64)
+        return film.Film(ends, ends, *empty, *_pairs(ends, ends, parts, none)), np.zeros(0, np.int64)
     saliva = model.saliva
     visited_at = np.empty(len(model.elements), np.int64)
     real = parts.elements >= 0
@@ -208,6 +208,7 @@ def film_arrays(model: Model, parts: Partition) -> tuple[film.Film, np.ndarray]:
         np.array([getattr(one, name) for one in model.materials])[model.material_of[saliva.elements[order]]]
         for name in ("shear_pa", "bulk_pa")
     )
+    tissue = timestep.node_stiffness(model, masses(model))
     arrays = film.Film(
         stored_at[lower].astype(np.uintp),
         stored_at[upper].astype(np.uintp),
@@ -222,13 +223,13 @@ def film_arrays(model: Model, parts: Partition) -> tuple[film.Film, np.ndarray]:
         np.array([saliva.decay_s, saliva.ramp_s]),
         memory,
         np.searchsorted(visited_at[saliva.elements[order]], parts.element_starts),
-        *_pairs(stored_at[lower], stored_at[upper], parts),
+        *_pairs(stored_at[lower], stored_at[upper], parts, tissue[parts.nodes]),
     )
     return arrays, order
 
 
-def _pairs(lower: np.ndarray, upper: np.ndarray, parts: Partition) -> tuple:
-    """The last fields of film.Film: pairs of nodes that struts from `lower` to `upper` (S, 4) join."""
+def _pairs(lower: np.ndarray, upper: np.ndarray, parts: Partition, stiffness: np.ndarray) -> tuple:
+    """The last fields of film.Film: pairs of nodes that struts from `lower` to `upper` (S, 4) join; stiffness (N,)."""
     ends = np.stack([lower.ravel(), upper.ravel()], axis=1).astype(np.int64)
     pairs, number = np.unique(ends, axis=0, return_inverse=True)
     number = number.ravel()
@@ -242,6 +243,7 @@ def _pairs(lower: np.ndarray, upper: np.ndarray, parts: Partition) -> tuple:
         struts.astype(np.uintp),
         np.searchsorted(number[struts], np.arange(len(pairs) + 1)).astype(np.uintp),
         of_upper,
+        film.NEAR_INERTIA / (1 / stiffness[pairs]).sum(axis=1),
         np.zeros((len(pairs), 4)),
         starts,
         int((of_upper != of_lower).any()),

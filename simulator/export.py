@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from simulator.model import Model
 
 FORMAT, FORMAT_VERSION = "lipmetrics simulated motion", 1
+MOST_SHRUNK = 1100  # times that deflate makes anything smaller, at most
 
 _VTK_CELLS = {"H8": (12, 8), "T4": (10, 4), "T4ANP": (10, 4)}  # VTK_HEXAHEDRON, VTK_TETRA; corners
 _BLOCK = 2**20  # bytes that are compressed together
@@ -98,20 +99,23 @@ def load_motion(path: str | Path) -> Motion:
     """
     with _opened(path) as file:
         stopped = file.attrs.get("stopped")
-        return Motion(
-            time_s=file["time_s"][()],
-            positions=file["positions"][()],
-            nodes=file["nodes"][()],
-            energies={name: file["energies"][name][()] for name in sorted(file["energies"], key=_energy_order)},
+        motion = Motion(
+            time_s=_values(file["time_s"]),
+            positions=_values(file["positions"]),
+            nodes=_values(file["nodes"]),
+            energies={name: _values(file["energies"][name]) for name in sorted(file["energies"], key=_energy_order)},
             dt_s=float(file.attrs["dt_s"]),
             steps=int(file.attrs["steps"]),
             stopped=None if stopped is None else Stop(**json.loads(stopped)),
             settings=json.loads(file.attrs["settings"]),
-            velocities=file["velocities"][()] if "velocities" in file else None,
-            saliva=SalivaRecord(**{name: file["saliva"][name][()] for name in file["saliva"]})
+            velocities=_values(file["velocities"]) if "velocities" in file else None,
+            saliva=SalivaRecord(**{name: _values(file["saliva"][name]) for name in file["saliva"]})
             if "saliva" in file
             else None,
         )
+        if motion.positions.shape != (*motion.time_s.shape, *motion.nodes.shape) or motion.positions.ndim != 3:
+            raise ValueError(f"positions of shape {motion.positions.shape} beside nodes of {motion.nodes.shape}")
+        return motion
 
 
 def load_elements(path: str | Path) -> tuple[np.ndarray, str, np.ndarray]:
@@ -128,7 +132,7 @@ def load_elements(path: str | Path) -> tuple[np.ndarray, str, np.ndarray]:
     InputError : no such file, or not a file of `write_motion`
     """
     with _opened(path) as file:
-        return file["elements"][()], file.attrs["element_type"], file["material_of"][()]
+        return _values(file["elements"]), str(file.attrs["element_type"]), _values(file["material_of"])
 
 
 def write_energies(motion: Motion, path: str | Path) -> None:
@@ -330,6 +334,16 @@ def _dataset(file, name: str, values: np.ndarray, units: str | None = None, **st
         dataset.attrs["units"] = units
 
 
+def _values(dataset) -> np.ndarray:
+    """A data set's values, if it is not much larger than what the file holds of it: what is declared costs nothing."""
+    if getattr(dataset, "shape", None) is None:
+        raise ValueError(f"no values in {dataset.name}")
+    held = dataset.id.get_storage_size()
+    if dataset.nbytes > MOST_SHRUNK * held + 1e5:
+        raise ValueError(f"{dataset.name} declares {dataset.nbytes} bytes and holds {held}")
+    return dataset[()]
+
+
 @contextmanager
 def _opened(path: str | Path) -> Iterator:
     """An HDF5 file of this format; whatever is wrong with it becomes one sentence."""
@@ -340,13 +354,15 @@ def _opened(path: str | Path) -> Iterator:
         raise InputError(f"expected a file of a simulated motion, got {path}, which is no file")
     try:
         with h5py.File(path, "r") as file:
-            if file.attrs.get("format") != FORMAT or file.attrs["format_version"] > FORMAT_VERSION:
+            if file.attrs.get("format") != FORMAT or int(file.attrs["format_version"]) > FORMAT_VERSION:
                 raise InputError(
                     f"expected a file of format '{FORMAT}' up to version {FORMAT_VERSION}, got {path} of "
                     f"'{file.attrs.get('format')}' version {file.attrs.get('format_version')}"
                 )
             yield file
-    except (OSError, KeyError, RuntimeError) as error:
+    except InputError:
+        raise
+    except (OSError, LookupError, RuntimeError, ValueError, TypeError, AttributeError, OverflowError) as error:
         raise InputError(f"expected a file of a simulated motion, got {path}: {' '.join(str(error).split())}") from None
 
 

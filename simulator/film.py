@@ -22,6 +22,7 @@ SETTLING = 5.0  # the rest of an element that sticks again follows the lips with
 VISCOUS_S = 1e-4  # retardation time: the force of the film's viscosity is that of its stiffness at this age
 FLATTEST = 0.05  # normal stretch below which the law goes on along its tangent in the powers of J
 INERTIA = 0.5  # from 1/4 on the film limits no time step
+NEAR_INERTIA = 0.15  # of the tissue's own stiffness; from 0.1 on, lips that touch and part stir up no fast waves
 NEAR = 2.0  # normal stretch from which on lips do not meet within a step
 GONE = 1e-12  # share of its force below which a broken element has none
 
@@ -56,6 +57,7 @@ class Film(NamedTuple):
     pair_lower, pair_upper : (D,) stored nodes that struts join, sorted by the part that owns the lower one
     pair_struts : numbers 4 f + k of the struts of all pairs, those of pair d from pair_first[d] (D + 1,) on
     pair_upper_part : (D,) the part that owns the upper one
+    pair_tissue : (D,) inertia against moving relative to each other of ends that are near, over dt^2, N/m
     pair_memory : (D, 4) stiffness times `INERTIA` in the last step, N/m, and the force that eased it, N
     pair_starts : (P + 1,)
     divided : 1 where the ends of a pair belong to different parts
@@ -79,6 +81,7 @@ class Film(NamedTuple):
     pair_struts: np.ndarray
     pair_first: np.ndarray
     pair_upper_part: np.ndarray
+    pair_tissue: np.ndarray
     pair_memory: np.ndarray
     pair_starts: np.ndarray
     divided: int
@@ -239,7 +242,7 @@ def ease_film(film, nodes, part, keep, dt):
     for d in range(np.uintp(film.pair_starts[part]), np.uintp(film.pair_starts[part + 1])):
         low, up = film.pair_lower[d], film.pair_upper[d]
         of_up = nodes.forces[film.pair_upper_part[d]]
-        added, near = 0.0, False
+        added, near = 0.0, False  # of what holds or touches
         for i in range(film.pair_first[d], film.pair_first[d + np.uintp(1)]):
             f, k = film.pair_struts[i] // four, film.pair_struts[i] % four
             added += INERTIA * memory[f, np.uintp(STIFF) + k] * memory[f, np.uintp(HOLDS) + k]
@@ -256,6 +259,9 @@ def ease_film(film, nodes, part, keep, dt):
                 J = memory[f, np.uintp(STRETCH) + k] + _dot(n, moved) / (film.slant[f, k] * film.length[f, k])
                 if J < 1.0:
                     added += INERTIA * memory[f, np.uintp(STIFF) + k]
+        held = added
+        if near:
+            added += film.pair_tissue[d]
         before = film.pair_memory[d, 0]
         if added == 0.0 and before == 0.0:
             continue
@@ -269,7 +275,7 @@ def ease_film(film, nodes, part, keep, dt):
             # The increments' difference without and with inertia and viscosity, and the force that makes up for it.
             pull = _pull_apart(nodes, own, of_up, low, up, i)
             inertia = added * compliance
-            slowed = viscosity * inertia
+            slowed = viscosity * held * compliance
             eased = shared + ((keep - 1.0 - slowed) * shared - pull) / (1.0 + inertia + 0.5 * slowed)
             force = (keep * moved_i - pull - eased) / compliance if compliance > 0.0 else 0.0
             at = np.uintp(1) + i

@@ -21,6 +21,7 @@ from simulator.errors import InputError
 from simulator.wording import choices, nearest, short
 
 LARGEST_FILE = 1_000_000  # bytes of a TOML file that somebody wrote
+LONGEST_LINE = 5000  # characters: a key of thousands of parts would take minutes to read
 _LINE = 110  # characters; a longer line is divided
 _PARAMETER = re.compile(r"^(\w+(?:, \w+)*) : (.*)$")
 
@@ -51,6 +52,9 @@ def parse_toml(text: str, name: str) -> dict:
     ------
     InputError : not TOML; the message names the line
     """
+    longest = max(map(len, text.split("\n")))
+    if longest > LONGEST_LINE:
+        raise InputError(f"{name}: expected TOML in lines of at most {LONGEST_LINE} characters, got one of {longest}")
     try:
         return tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:

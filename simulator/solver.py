@@ -96,7 +96,7 @@ def solve(
         while not run.finished and not signals:
             run.advance(choice, pool)
             bar.update(run.time - bar.n)
-            if checkpoint_path is not None and clock.monotonic() - saved_at >= checkpoint_every_s:
+            if checkpoint_path is not None and not run.finished and clock.monotonic() - saved_at >= checkpoint_every_s:
                 run.save(checkpoint_path)
                 saved_at = clock.monotonic()
         if signals and checkpoint_path is not None and not run.finished:
@@ -240,10 +240,36 @@ class _Run:
         arrays = checkpoint.load(path, self._fingerprint())
         if arrays is None:
             return
-        self.limit, self.restarts = arrays["limit"].item(), arrays["restarts"].item()
-        good = {name.removeprefix("good_"): array for name, array in arrays.items() if name.startswith("good_")}
-        self.last_good = _State.from_arrays(good) if good else None
-        self.load_state(_State.from_arrays(arrays))
+        try:
+            self.limit, self.restarts = arrays["limit"].item(), arrays["restarts"].item()
+            good = {name.removeprefix("good_"): array for name, array in arrays.items() if name.startswith("good_")}
+            self.last_good = self._fitting(_State.from_arrays(good)) if good else None
+            self.load_state(self._fitting(_State.from_arrays(arrays)))
+        except (LookupError, ValueError, TypeError, AttributeError, OverflowError) as error:
+            raise InputError(
+                f"expected a checkpoint in {path}, got one that is damaged ({error}); delete it and start the run anew"
+            ) from None
+
+    def _fitting(self, state: _State) -> _State:
+        """A state out of a file, if it can be one of this run; else ValueError or TypeError."""
+        for name, array in self._live_arrays().items():
+            came = state.arrays[name]
+            if came.shape != array.shape or came.dtype != array.dtype:
+                raise ValueError(f"{name} of another size or kind")
+        counts, rows = (state.step, state.steps, state.next_output, state.calm), len(state.time_s)
+        if not all(isinstance(one, int) and one >= 0 for one in counts) or state.next_output > len(self.times):
+            raise ValueError("a count out of range")
+        if not (0 < state.dt <= 2 * self.model.duration_s and 0 <= state.base_s <= self.model.duration_s):
+            raise ValueError("a time out of range")
+        if state.ledger.shape != kernels.LEDGER.shape or state.ledger.dtype != kernels.LEDGER.dtype:
+            raise ValueError("the ledger of another size")
+        shapes = {"frames": self.model.nodes.shape, "energies": (len(ENERGIES),), "time_s": ()}
+        for name, shape in shapes.items():
+            if any(np.shape(row) != shape or np.asarray(row).dtype.kind != "f" for row in getattr(state, name)):
+                raise ValueError(f"{name} of another size or kind")
+        if not rows or len(state.frames) != rows or len(state.glue) != rows or not 0 <= rows - len(state.energies) <= 1:
+            raise ValueError("states that do not fit one another")
+        return state
 
     def _fingerprint(self) -> str:
         settings = (self.precision, self.safety, self.velocities, self.times.tolist(), self.mass.tolist())

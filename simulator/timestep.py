@@ -161,6 +161,15 @@ def element_steps(model: Model, density: np.ndarray | None = None) -> np.ndarray
     return 2 / np.sqrt(stiffest / nodal_mass)
 
 
+def node_stiffness(model: Model, mass: np.ndarray) -> np.ndarray:
+    """(N,) N/m: mass (N,), kg, times the square of the highest frequency of the tissue's elements at a node."""
+    steps = element_steps(model)
+    steps[model.saliva.elements] = math.inf
+    shortest = np.full(len(model.nodes), math.inf)
+    np.minimum.at(shortest, model.elements, steps[:, None])
+    return mass * (2 / shortest) ** 2
+
+
 def mass_factors(model: Model, dt_s: float) -> np.ndarray:
     """(E,) factors, 1 or more, by which the mass of each element must grow for `dt_s` (s) to be stable in it."""
     return np.maximum(1.0, (dt_s / element_steps(model)) ** 2)

@@ -557,7 +557,8 @@ def load_design(path: str | Path) -> Design:
         raise InputError(
             f"expected a design at {file}, but: {reason}; make one with 'lipmetrics study design'"
         ) from None
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, RecursionError, AttributeError) as error:
         if isinstance(error, InputError):
             raise
-        raise InputError(f"{file}: expected a design as 'lipmetrics study design' writes it, but: {error!r}") from None
+        reason = f"{type(error).__name__} {short(str(error))}"
+        raise InputError(f"{file}: expected a design as 'lipmetrics study design' writes it, but: {reason}") from None

@@ -10,7 +10,9 @@ import re
 
 _BLOCK = re.compile(r"\n\s*\n")
 _ITEM = re.compile(r"[-*] +")
-_LINK = re.compile(r"\[([^\]]+)\]\(((?:https?://|mailto:)[^\s()]+)\)")
+_LINK = re.compile(r"\[([^\[\]]{1,500})\]\(((?:https?://|mailto:)[^\s()]{1,2000})\)")
+_STRONG = re.compile(r"\*\*(?=\S)(.{1,500}?)(?<=\S)\*\*")  # bounded, as what does not end would be looked through
+_EMPHASIS = re.compile(r"\*(?=\S)(.{1,500}?)(?<=\S)\*")
 
 
 def to_html(text: str) -> str:
@@ -42,5 +44,4 @@ def _block(block: str) -> str:
 def _inline(text: str) -> str:
     text = html.escape(text)
     text = _LINK.sub(r'<a href="\2" rel="noreferrer">\1</a>', text)
-    text = re.sub(r"\*\*(?=\S)(.+?)(?<=\S)\*\*", r"<strong>\1</strong>", text)
-    return re.sub(r"\*(?=\S)(.+?)(?<=\S)\*", r"<em>\1</em>", text)
+    return _EMPHASIS.sub(r"<em>\1</em>", _STRONG.sub(r"<strong>\1</strong>", text))

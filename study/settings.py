@@ -81,6 +81,9 @@ THANKS = """# Thank you
 You have answered everything. Your answers are stored.
 """
 
+LARGEST_FILE = 200_000  # bytes of a file that somebody wrote
+LONGEST_LINE = 5000  # characters: a key of thousands of parts would take minutes to read
+
 
 @dataclasses.dataclass(frozen=True)
 class Settings:
@@ -138,11 +141,14 @@ def load_settings(folder: str | Path) -> Settings:
     """
     path = Path(folder) / "study.toml"
     try:
-        raw = tomllib.loads(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8")
+        if len(text) > LARGEST_FILE or any(len(line) > LONGEST_LINE for line in text.split("\n")):
+            raise ValueError(f"a text over {LARGEST_FILE} or a line over {LONGEST_LINE} characters")
+        raw = tomllib.loads(text)
     except OSError as error:
         reason = error.strerror or error
         raise InputError(f"expected settings at {path}, but: {reason}; 'lipmetrics study design' makes them") from None
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: expected TOML, but: {short(str(error))}") from None
     try:
         return _settings(raw)
@@ -187,6 +193,8 @@ def load_page(folder: str | Path, name: str) -> str:
     """The Markdown of one of `PAGES`."""
     path = Path(folder) / f"{name}.md"
     try:
+        if path.stat().st_size > LARGEST_FILE:
+            raise InputError(f"expected a page of at most {LARGEST_FILE} bytes, got {path} of {path.stat().st_size}")
         return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or error

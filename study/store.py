@@ -111,19 +111,23 @@ class Store:
         self.slots_n, self.abandoned_after_s, self.clock = slots_n, abandoned_after_s, clock
         self._lock = threading.Lock()
         self._engine = _Postgres(str(address)) if is_postgres(address) else _Sqlite(str(address))
-        with self._transaction() as do:
-            for statement in _SCHEMA:
-                do(statement)
-            for name, value in (("design", identity), ("secret", secrets.token_hex(32)), ("withdrawn_n", "0")):
-                do("INSERT INTO study_info (name, value) VALUES (?, ?) ON CONFLICT DO NOTHING", name, value)
-            info = dict(do("SELECT name, value FROM study_info"))
+        try:
+            with self._transaction() as do:
+                for statement in _SCHEMA:
+                    do(statement)
+                for name, value in (("design", identity), ("secret", secrets.token_hex(32)), ("withdrawn_n", "0")):
+                    do("INSERT INTO study_info (name, value) VALUES (?, ?) ON CONFLICT DO NOTHING", name, value)
+                info = dict(do("SELECT name, value FROM study_info"))
+            self.secret = bytes.fromhex(info["secret"])
+        except (FaultError, KeyError, ValueError, TypeError) as error:
+            self.close()
+            raise InputError(f"expected the database of a study, but it is damaged: {short(str(error))}") from None
         if info["design"] != identity:
             self.close()
             raise InputError(
                 f"expected answers to design {identity} in the database, got those of {info['design']}; "
                 "name another database in study.toml, or put the old design back"
             )
-        self.secret = bytes.fromhex(info["secret"])
 
     def begin(self, key: str, outside_ids: Mapping[str, str] | None = None) -> Session:
         """The session of a key, begun if it is new.

@@ -47,9 +47,11 @@ def check_videos(stimuli: Sequence[Stimulus], pairs: Sequence[tuple[str, str]]) 
         if not one.file:
             continue
         try:
-            with av.open(one.file) as container:
+            with av.open(one.file, metadata_errors="replace") as container:
                 stream = container.streams.video[0]
                 context = stream.codec_context
+                if context is None:
+                    raise InputError(f"expected a video in {one.file}, but: its kind of picture is unknown")
                 seconds = (
                     float(stream.duration * stream.time_base) if stream.duration else (container.duration or 0) / 1e6
                 )

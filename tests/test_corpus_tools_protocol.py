@@ -313,3 +313,10 @@ def test_a_bad_speaker_is_refused_and_a_session_survives_a_reload(tmp_path, shor
     assert result["setup"] and result["kept"] == "Save the last session of this browser: p01, 1 prompts"
     assert [name for name, _ in result["saved"]] == ["p01.cuts.csv", "p01.log.csv"]
     assert table(result["saved"][0][1])[0]["utterance"] == "m"
+
+
+@pytest.mark.parametrize("text", ["a = " + "[" * 20_000, "a = " + "9" * 4900, "a." * 50_000 + "a = 1"])
+def test_a_protocol_that_no_reader_of_toml_bears(tmp_path, text):
+    (tmp_path / "p.toml").write_text(text)
+    with pytest.raises(InputError, match="expected a protocol in TOML"):
+        load_protocol(tmp_path / "p.toml")

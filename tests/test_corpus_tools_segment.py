@@ -391,3 +391,9 @@ def test_proposals_take_their_names_from_the_plan(tmp_path):
     # three of 110 say nothing of the plan, though they are 10 s apart
     found = propose(late, 1400.0, PROTOCOL, speaker="p01")
     assert found.mark_s is None and [one.fields for one in found.cuts] == [{"speaker": "p01"}] * 3
+
+
+def test_a_cell_longer_than_a_field_of_csv(tmp_path):
+    (tmp_path / "a.csv").write_text("start_s,name\n1.0," + "x" * 200_000 + "\n")
+    with pytest.raises(InputError, match="field larger"):
+        read_cuts(tmp_path / "a.csv", load_protocol())

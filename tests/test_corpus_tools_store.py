@@ -243,3 +243,52 @@ def test_other_programs_see_words(tmp_path):
 
 if __name__ == "__main__":
     make_old_store(OLD if len(sys.argv) < 2 else Path(sys.argv[1]))
+
+
+def _other(name, make):
+    def damage(file):
+        del file[name]
+        if make is not None:
+            make(file)
+
+    return damage
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        _other("clips/p01_m_1/about", None),
+        _other(
+            "clips/p01_m_1/about", lambda file: file.update({"clips/p01_m_1/about": np.frombuffer(b"\xff\xfe", "u1")})
+        ),
+        _other("clips/p01_m_1/frames/time_s", lambda file: file.update({"clips/p01_m_1/frames/time_s": np.zeros(2)})),
+        _other(
+            "clips/p01_m_1/frames/time_s",
+            lambda file: file.create_dataset("clips/p01_m_1/frames/time_s", (10**12,), "f8", chunks=(1000,)),
+        ),
+        _other(
+            "clips/p01_m_1/frames/status", lambda file: file.update({"clips/p01_m_1/frames/status": np.full(4, 99)})
+        ),
+        _other(
+            "clips/p01_m_1/provenance",
+            lambda file: file.update({"clips/p01_m_1/provenance": np.frombuffer(b"[]", "u1")}),
+        ),
+    ],
+)
+def test_a_damaged_store_is_one_sentence(tmp_path, damage):
+    path = store(tmp_path, [clip()])
+    with h5py.File(path, "r+") as file:
+        damage(file)
+    with Store(path) as found, pytest.raises(InputError, match="damaged") as error:
+        found.words("p01_m_1")
+        found.profile("p01_m_1")
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("version", ["x", np.arange(3)])
+def test_a_version_that_is_no_number(tmp_path, version):
+    path = store(tmp_path, [clip()])
+    with h5py.File(path, "r+") as file:
+        file["meta"].attrs["version"] = version
+    with pytest.raises(InputError, match="damaged"):
+        Store(path)

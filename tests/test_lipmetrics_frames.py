@@ -661,3 +661,27 @@ def test_cover_art_is_not_the_video(tmp_path):
 def test_sound_beside_the_picture_is_seen(tmp_path):
     assert open_frames(write_video(tmp_path / "a.mp4", moving_pictures(3), sound=True)).info.has_audio
     assert not open_frames(write_video(tmp_path / "b.mp4", moving_pictures(3))).info.has_audio
+
+
+def test_a_title_in_another_encoding_does_no_harm(tmp_path):
+    path = write_video(tmp_path / "a.mp4", moving_pictures(3))
+    data = path.read_bytes()
+    name = b"VideoHandler"
+    assert name in data
+    path.write_bytes(data.replace(name, b"\xff\xfe\xa0\x80" + name[4:]))
+    with open_frames(path) as frames:
+        assert len(list(frames)) == 3
+
+
+def test_a_kind_of_picture_that_nobody_knows(tmp_path):
+    path = write_video(tmp_path / "a.avi", moving_pictures(3), codec="mjpeg", pixel_format="yuvj420p")
+    path.write_bytes(path.read_bytes().replace(b"MJPG", b"zz\0\1"))
+    with pytest.raises(InputError, match="a kind of picture that is unknown"):
+        open_frames(path)
+
+
+def test_a_time_stamp_longer_than_a_field_of_csv(tmp_path):
+    write_pictures(tmp_path / "p", moving_pictures(2))
+    (tmp_path / "t.txt").write_text("time_s,x\n0.0," + "9" * 200_000 + "\n0.1,1\n")
+    with pytest.raises(InputError, match="field larger"):
+        open_frames(tmp_path / "p", timestamps=tmp_path / "t.txt")

@@ -75,3 +75,9 @@ def test_no_list(tmp_path):
     (tmp_path / "bytes.csv").write_bytes(b"\xff\xfe\x00path")
     with pytest.raises(InputError, match="CSV table"):
         read_list(tmp_path / "bytes.csv")
+
+
+def test_a_path_that_no_file_can_have(tmp_path):
+    (tmp_path / "list.csv").write_bytes(b"path,speaker\na\0b.mp4,p01\n")
+    with pytest.raises(InputError, match="expected the path of a take in line 2"):
+        read_list(tmp_path / "list.csv")

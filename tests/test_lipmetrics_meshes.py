@@ -182,6 +182,7 @@ def test_loop_files(tmp_path):
         ('{"loop": [1, 2, 3, 4], "corners": [1, 1]}', "two different corners"),
         ("1 2 3 2", "2 more than once"),
         ("-1 2 3 4", "from 0 upwards"),
+        ("[" * 50_000, "vertex numbers in"),
     ],
 )
 def test_bad_loops(tmp_path, text, match):
@@ -255,9 +256,18 @@ def test_bad_arrays(tmp_path, array, match):
 def test_broken_arrays(tmp_path):
     np.save(tmp_path / "a.npy", np.zeros((2, 5, 3)))
     whole = (tmp_path / "a.npy").read_bytes()
-    for data in (whole[:-8], whole[:20], b"", b"no array"):
+    shapes = (b"(2, 5, 3", b"(1000000000000, 3, 3), }", b"(99999999999999999999, 3, 3), }")
+    odd = [whole[:128].replace(b"(2, 5, 3), }" + b" " * (len(s) - 12), s) + whole[128:] for s in shapes]
+    odd[0] = whole.replace(b"(2, 5, 3), }", b"(2, 5, 3    ")
+    for data in (whole[:-8], whole[:20], b"", b"no array", *odd):
         (tmp_path / "b.npy").write_bytes(data)
         with pytest.raises(InputError, match="saved by numpy"):
             read_points(tmp_path / "b.npy", (0,))
     with pytest.raises(InputError, match="no such file"):
         read_points(tmp_path / "c.npy", (0,))
+
+
+def test_a_loop_file_with_a_key_of_thousands_of_parts_is_not_read(tmp_path):
+    (tmp_path / "loop.toml").write_text("a." * 50_000 + "a = 1\n")
+    with pytest.raises(InputError, match="a line of 100005 characters"):
+        read_loop(tmp_path / "loop.toml")

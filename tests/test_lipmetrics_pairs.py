@@ -69,6 +69,18 @@ def test_threads_and_pieces_change_nothing(monkeypatch):
             assert np.array_equal(getattr(whole, name), getattr(pieces, name)), name
 
 
+def test_takes_and_references_exchanged():
+    takes, references = noisy(7, 5), noisy(8, 2, 0.1) + noisy(9, 1)
+    forth, back = pairs(takes, references), pairs(references, takes)
+    assert np.array_equal(forth.distance, back.distance.T)
+    assert np.allclose(forth.there, back.back.T, rtol=1e-9)
+    assert np.allclose(forth.back, back.there.T, rtol=1e-9)
+    assert np.allclose(forth.lag_s, -back.lag_s.T, atol=1e-9)
+    few = pairs(takes[:1], references)
+    for name in ("distance", "hausdorff", "there", "back", "lag_s", "warp", "steps"):
+        assert np.allclose(getattr(few, name), getattr(forth, name)[:1], rtol=1e-12), name
+
+
 def test_lag_is_positive_for_a_late_take():
     assert pairs([take(late_s=0.1)], [take()]).lag_s[0, 0] == pytest.approx(0.1)
 

@@ -174,6 +174,12 @@ def _replace(name, old, new):
     return lambda folder: (folder / name).write_text((folder / name).read_text().replace(old, new))
 
 
+def _width(text):
+    return lambda folder: (folder / "clip.json").write_text(
+        '{"format": "lipmetrics profile 1", "mouth_width_px": ' + text + "}"
+    )
+
+
 @pytest.mark.parametrize(
     ("damage", "sentence"),
     [
@@ -188,6 +194,12 @@ def _replace(name, old, new):
         (_replace("clip.openings.csv", "0,0.0", ",0.0"), "a number in every row of frame and opening"),
         (lambda folder: (folder / "clip.frames.csv").write_bytes(bytes(range(256))), "clip.frames.csv"),
         (lambda folder: (folder / "clip.frames.csv").write_text(""), "clip.frames.csv"),
+        (lambda folder: (folder / "clip.json").write_text("[" * 50_000), "clip.json to be JSON"),
+        (_width("[]"), "a number or null"),
+        (_width(str(10**400)), "a number of 401 digits"),
+        (_replace("clip.frames.csv", "\n0,", "\ninf,"), "whole numbers of frames"),
+        (_replace("clip.frames.csv", "\n0,", "\n0.5,"), "whole numbers of frames"),
+        (_replace("clip.frames.csv", "open,", "a" * 100_000 + ","), r"expected status .* \.\.\. "),
     ],
 )
 def test_what_is_wrong_with_a_table_is_said_in_one_line(tmp_path, damage, sentence):

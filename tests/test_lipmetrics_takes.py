@@ -399,3 +399,14 @@ def test_a_folder_of_pictures_is_one_video(tmp_path):
     assert take_paths(tmp_path) == [tmp_path / "sub"]
     (tmp_path / "1.png").write_bytes(b"")
     assert take_paths(tmp_path) == [tmp_path]
+
+
+@pytest.mark.parametrize("column", ["width_m", "height_m"])
+def test_text_among_the_numbers_of_a_truth_in_metres(tmp_path, column):
+    mouth, motion = moved_mouth()
+    truth(motion, mouth, Camera(), motion.time_s).save(tmp_path, "a")
+    table = pd.read_csv(tmp_path / "a.metres.frames.csv", dtype=str)
+    table.loc[0, column] = "--1"
+    table.to_csv(tmp_path / "a.metres.frames.csv", index=False)
+    with pytest.raises(InputError, match=f"expected numbers in the column '{column}'"):
+        read_take(tmp_path / "a", unit="m")

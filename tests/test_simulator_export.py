@@ -250,3 +250,24 @@ def test_linear_material_is_kept(tmp_path, model, motion):
     export.write_motion(motion, model, tmp_path / "m.h5")
     with h5py.File(tmp_path / "m.h5") as file:
         assert file["materials/0"].attrs["poisson"] == 0.4
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda file: file.attrs.__setitem__("format_version", "x"),
+        lambda file: file.attrs.__setitem__("steps", h5py.Empty("f")),
+        lambda file: file.attrs.__setitem__("stopped", "null"),
+        lambda file: file.attrs.__setitem__("settings", "[" * 20_000),
+        lambda file: file.__delitem__("energies") or file.__setitem__("energies", 1.0),
+        lambda file: file.__delitem__("nodes") or file.__setitem__("nodes", np.zeros((5, 3))),
+        lambda file: file.__delitem__("time_s") or file.create_dataset("time_s", (10**12,), "f8", chunks=(1000,)),
+    ],
+)
+def test_a_damaged_motion_is_one_sentence(model, motion, tmp_path, damage):
+    export.write_motion(motion, model, tmp_path / "a.h5")
+    with h5py.File(tmp_path / "a.h5", "r+") as file:
+        damage(file)
+    with pytest.raises(InputError, match="motion") as error:
+        export.load_motion(tmp_path / "a.h5")
+    assert "\n" not in str(error.value)

@@ -190,3 +190,8 @@ def test_only_what_toml_can_hold_is_written():
 def test_whole_numbers_are_written_as_the_numbers_they_stand_for():
     assert "power = 3.0 " in to_toml(Lamp(3)) and "colour = [1.0, 2.0, 3.0]" in to_toml(Lamp(3, (1, 2, 3)))
     assert to_toml(Lamp(3)) == to_toml(from_table(Lamp, tomllib.loads(to_toml(Lamp(3))), "x"))
+
+
+def test_a_key_of_thousands_of_parts_is_not_read():
+    with pytest.raises(InputError, match="expected TOML in lines of at most 5000 characters, got one of 100005"):
+        parse_toml("a." * 50_000 + "a = 1", "a.toml")

@@ -2,6 +2,7 @@
 
 import re
 import signal
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -299,3 +300,23 @@ def test_uniform_mass_scaling_slows_waves_and_allows_larger_steps():
 def test_states_are_saved_every_so_many_steps_and_at_the_end(every, steps):
     motion = solve(hanging(dt_s=1e-4, duration_s=1e-3, output_every=every), threads=1)
     assert motion.time_s == pytest.approx(np.array(steps) * 1e-4)
+
+
+def test_a_run_that_stopped_leaves_no_checkpoint_and_damaged_ones_are_one_sentence(tmp_path):
+    model, file = hanging(), tmp_path / "run.npz"
+    usual = solve(replace(model, dt_s="auto"), [0.01], threads=1).settings["stable_dt_s"]
+    stopped = solve(replace(model, dt_s=1.5 * usual), checkpoint_path=file, checkpoint_every_s=0.0, threads=1)
+    assert stopped.stopped is not None
+    again = solve(replace(model, dt_s=1.5 * usual), checkpoint_path=file, checkpoint_every_s=0.0, threads=1)
+    assert again.stopped == stopped.stopped
+    file.unlink(missing_ok=True)
+    times = np.linspace(0, 0.02, 3)
+    solve(model, times, checkpoint_path=file, checkpoint_every_s=0.0, threads=1)
+    with np.load(file) as found:
+        arrays = {name: found[name] for name in found.files}
+    bad = {"array_u": np.zeros((2, 4)), "step": np.array("x"), "next_output": np.array(99), "dt": np.array([1.0, 2.0])}
+    for name, value in [*bad.items(), ("energies", None), ("ledger", np.zeros(2)), ("time_s", np.array([]))]:
+        changed = arrays | {name: value}
+        np.savez(file, **{key: one for key, one in changed.items() if one is not None})
+        with pytest.raises(InputError, match="expected a checkpoint"):
+            solve(model, times, checkpoint_path=file, threads=1)

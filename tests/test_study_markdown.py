@@ -15,3 +15,9 @@ def test_markdown():
     assert 'onclick="' not in to_html('[x](https://a" onclick="b) [y](https://a"onclick="b)')
     assert to_html("") == "" and to_html("2 * 3 * 4") == "<p>2 * 3 * 4</p>"
     assert to_html("words\n- item") == "<p>words</p>\n<ul>\n<li>item</li>\n</ul>"
+
+
+def test_signs_that_never_end_take_no_time():
+    for sign in ("[", "*", "**", "*a ", "[a", "[a](https://"):
+        text = sign * (100_000 // len(sign))
+        assert len(to_html(text)) > 10_000

@@ -63,3 +63,16 @@ def test_missing_files(tmp_path):
         load_settings(tmp_path)
     with pytest.raises(InputError, match=r"expected the text of a page at .*consent\.md"):
         load_page(tmp_path, "consent")
+
+
+@pytest.mark.parametrize("line", ["a." * 50_000 + "a = 1", "title = " + "[" * 20_000, "a = [\n" + "[" * 4000])
+def test_settings_that_no_reader_of_toml_bears(tmp_path, line):
+    (tmp_path / "study.toml").write_text(line + "\n")
+    with pytest.raises(InputError, match="expected TOML"):
+        load_settings(tmp_path)
+
+
+def test_a_page_as_long_as_a_book(tmp_path):
+    (tmp_path / "consent.md").write_text("a" * 300_000)
+    with pytest.raises(InputError, match="a page of at most 200000 bytes"):
+        load_page(tmp_path, "consent")

@@ -143,7 +143,7 @@ def test_recognition_has_the_chosen_band():
     late = take(np.roll(bump, 8))
     averages = {"a": take(bump)}
     default = recognition.classify_all([late], averages)[0].distances
-    chosen, wide = (recognition.classify_all([late], averages, band=band)[0].distances for band in (0.05, 0.1))
+    chosen, wide = (recognition.classify_all([late], averages, band=band)[0].distances for band in (0.02, 0.1))
     assert default == chosen
     assert default > wide
 

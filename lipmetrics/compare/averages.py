@@ -24,7 +24,7 @@ from lipmetrics.atomic import whole_file
 from lipmetrics.compare.alignment import matched_mean
 from lipmetrics.compare.curves import CHANNELS, Curve, even, thread_count
 from lipmetrics.compare.pairs import pack
-from lipmetrics.compare.warping import BAND, best_paths, check_settings, check_size, distance_of
+from lipmetrics.compare.warping import BAND, best_paths, check_settings, check_size
 from lipmetrics.errors import InputError
 
 FORMAT = "lipmetrics average 1"
@@ -185,7 +185,7 @@ def load_average(path: str | Path) -> Average:
         raise InputError(
             f"expected an average's two files {base}{TABLE} and {META}, found no {error.filename}"
         ) from None
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, RecursionError, OverflowError) as error:
         raise InputError(f"expected an average ({FORMAT!r}) in {base}{TABLE} and {META}, got: {error}") from None
 
 
@@ -203,17 +203,26 @@ def _barycentre(
 ) -> tuple[np.ndarray, tuple[float, ...], tuple[np.ndarray, ...]]:
     """Average (T, C), cost before each iteration and of the result, and the result's path to each take."""
     count, costs = len(mean), []
+    by_length = np.argsort(np.diff(at), kind="stable")
+    back = np.argsort(by_length)
     while True:
-        totals, [lengths], [paths] = best_paths(mean, np.array([0, count]), values, at, 0, 1, True, band)
-        costs.append(float(distance_of(totals.sum(), False)))
+        found = best_paths(values, at, by_length, mean, np.array([0, count]), False, True, band)
+        totals, lengths, paths = (of_takes[back, 0] for of_takes in found)
+        costs.append(float(totals.sum()))
         if len(costs) > iterations or (len(costs) > 1 and costs[-2] - costs[-1] <= TOLERANCE * costs[-2]):
-            return mean, tuple(costs), tuple(path[-n:].astype(np.int64) for path, n in zip(paths, lengths, strict=True))
+            return (
+                mean,
+                tuple(costs),
+                tuple(path[-n:, ::-1].astype(np.int64) for path, n in zip(paths, lengths, strict=True)),
+            )
         taken = np.arange(paths.shape[1]) >= paths.shape[1] - lengths[:, None]
-        places, matched = paths[..., 0][taken], (paths[..., 1] + at[:-1, None])[taken]
+        places, matched = paths[..., 1][taken], (paths[..., 0] + at[:-1, None])[taken]
         mean = np.ascontiguousarray(matched_mean(places, values[matched], count))
 
 
 def _stretched(values: np.ndarray, count: int) -> np.ndarray:
     """Values (T, C) on `count` samples from the first to the last."""
+    if len(values) == count:
+        return values
     places = np.linspace(0, len(values) - 1, count)
     return np.stack([np.interp(places, np.arange(len(values)), column) for column in values.T], axis=1)

@@ -16,7 +16,7 @@ MEASURES = ("dtw", "hausdorff")
 MEASURE = "dtw"
 # narrower than that of `align`: which movement it is lies in its timing too, and a wide band warps one into another.
 # The widest band within a standard error of the best rate on simulated and real takes (docs/validation.md)
-RECOGNITION_BAND = 0.05
+RECOGNITION_BAND = 0.02
 
 
 @dataclass(frozen=True)

@@ -74,7 +74,7 @@ def as_curve(source, channels: Sequence[str] = CHANNELS, rate_hz: float | None =
         time_s = np.arange(len(values) if values.ndim else 0) / check_rate(rate_hz)
     values = as_values(values, name)
     names = channels if len(channels) == values.shape[1] else tuple(str(c) for c in range(values.shape[1]))
-    return checked(Curve(name, time_s, values, names))
+    return _timed(Curve(name, time_s, values, names))
 
 
 def as_values(values, name: str = "curve") -> np.ndarray:
@@ -101,18 +101,22 @@ def as_values(values, name: str = "curve") -> np.ndarray:
 
 def checked(curve: Curve) -> Curve:
     """The curve with its arrays in the promised form; InputError if they cannot be."""
-    values = as_values(curve.data, curve.name)
+    return _timed(replace(curve, data=as_values(curve.data, curve.name)))
+
+
+def _timed(curve: Curve) -> Curve:
+    """`checked` of a curve whose values are in the promised form already."""
     try:
         time_s = np.asarray(curve.time_s, dtype=np.float64)
     except (TypeError, ValueError):
         raise InputError(f"{curve.name}: expected times in seconds, got something else") from None
-    if time_s.shape != values.shape[:1]:
+    if time_s.shape != curve.data.shape[:1]:
         raise InputError(
-            f"{curve.name}: expected one time per sample, got {time_s.shape} for {values.shape[0]} samples"
+            f"{curve.name}: expected one time per sample, got {time_s.shape} for {curve.data.shape[0]} samples"
         )
     if not np.isfinite(time_s).all() or (np.diff(time_s) <= 0).any():
         raise InputError(f"{curve.name}: expected finite times that increase from sample to sample (in seconds)")
-    return replace(curve, time_s=np.ascontiguousarray(time_s), data=values)
+    return replace(curve, time_s=np.ascontiguousarray(time_s))
 
 
 def check_rate(rate_hz: float) -> float:
@@ -168,7 +172,9 @@ def even(
 
 def _at_rate(source, curve: Curve, rate_hz: float) -> Curve:
     """The curve at a rate; a take resamples itself, as it knows which of its channels are counts."""
-    if _on_grid(curve, rate_hz) or not hasattr(source, "array"):
+    if _on_grid(curve, rate_hz):
+        return curve
+    if not hasattr(source, "array"):
         return resample(curve, rate_hz)
     _count(curve, rate_hz)
     time_s, data = source.array(curve.channels, rate_hz=rate_hz)

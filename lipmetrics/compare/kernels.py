@@ -17,6 +17,7 @@ from numba import njit
 
 LANES = 8  # cells are computed in batches of this many; what is computed past the end of a diagonal is never read
 PAD = 16  # spare places behind every buffer for that
+SPARSE = 16  # of so many points of a curve, one goes first in `directed`
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -172,142 +173,155 @@ def trace(steps, starts, n, m, path):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def warp(xs, x_at, ys, y_at, first, last, band, squared, total, length, paths):
-    """Align each of xs number first to last - 1 with all M of ys.
+def warp(x, y, band, squared, path):
+    """Align x (n, C) with y (m, C): write the path at the end of `path` (>= n + m - 1, 2); return cost and length."""
+    n, m, channels = x.shape[0], y.shape[0], x.shape[1]
+    stride_x, stride_y, rows = n + PAD, m + PAD, rows_of(channels)
+    across, down, work = np.empty(rows * stride_x), np.empty(rows * stride_y), np.empty(4 * stride_x)
+    lay_out(x, False, across, 0, stride_x)
+    lay_out(y, True, down, 0, stride_y)
+    width = band_width(n, m, band)
+    steps, starts = np.empty(steps_size(n, m, width), np.uint8), np.empty((n + m) // 4 + 1, np.int64)
+    total = fill(across, down, 0, 0, stride_x, stride_y, n, m, channels, width, squared, work, steps, starts)
+    return total, trace(steps, starts, n, m, path)
 
-    xs (sum T, C), x_at (N + 1,) : curves one after another, and the row at which each starts; ys, y_at (M + 1,) too
-    total, length (last - first, M) : results, summed cost and number of cells
-    paths (last - first, M, longest, 2) int32 : results; longest >= n + m - 1; each path is at the end of its row
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _square(a, k, b, at, gap):
+    """Squared distance of point k of a from point `at` of b, whose times are `gap` apart. Few channels need no loop.
+
+    Put into its callers, as the call takes longer than the work.
     """
-    channels = xs.shape[1]
-    longest_x, longest_y = 0, 0
-    for a in range(first, last):
-        longest_x = max(longest_x, x_at[a + 1] - x_at[a])
-    for b in range(y_at.size - 1):
-        longest_y = max(longest_y, y_at[b + 1] - y_at[b])
-    stride_x, stride_y, rows = longest_x + PAD, longest_y + PAD, rows_of(channels)
-    across, down = np.empty(rows * stride_x), np.empty((y_at.size - 1) * rows * stride_y)
-    for b in range(y_at.size - 1):
-        lay_out(ys[y_at[b] : y_at[b + 1]], True, down, b * rows * stride_y, stride_y)
-    work = np.empty(4 * stride_x)
-    steps = np.empty(0, np.uint8)
-    starts = np.empty((longest_x + longest_y) // 4 + 1, np.int64)
-    n_before, m_before, width = 0, 0, -1
-    for a in range(first, last):
-        n = x_at[a + 1] - x_at[a]
-        lay_out(xs[x_at[a] : x_at[a + 1]], False, across, 0, stride_x)
-        for b in range(y_at.size - 1):
-            m = y_at[b + 1] - y_at[b]
-            if n != n_before or m != m_before:
-                n_before, m_before = n, m
-                width = band_width(n, m, band)
-                size = steps_size(n, m, width)
-                if size > steps.size:
-                    steps = np.empty(size, np.uint8)
-            total[a - first, b] = fill(
-                *(across, down, 0, b * rows * stride_y, stride_x, stride_y),
-                *(n, m, channels, width, squared, work, steps, starts),
-            )
-            length[a - first, b] = trace(steps, starts, n, m, paths[a - first, b])
+    k, at, channels = np.uint64(k), np.uint64(at), b.shape[1]
+    square = gap * gap + (a[k, 0] - b[at, 0]) ** 2
+    if channels > 1:
+        square += (a[k, 1] - b[at, 1]) ** 2
+    if channels > 2:
+        square += (a[k, 2] - b[at, 2]) ** 2
+    if channels > 3:
+        square += (a[k, 3] - b[at, 3]) ** 2
+    for c in range(4, channels):
+        square += (a[k, c] - b[at, c]) ** 2
+    return square
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def directed(time_a, a, time_b, b, least):
     """Largest of the squared distances from each point of a to its nearest of b; points (time, values), times sorted.
 
-    Each point of a searches outwards from its own time and stops where time alone is farther than the nearest found,
-    or where it can no longer raise the largest, which starts at `least`.
+    Each point of a first looks at the point of b that the one before it ended with, then searches outwards from its own
+    time. It stops where time alone is farther than the nearest found, or where it can no longer raise the largest,
+    which starts at `least`. A few points from all over go first: the largest is then near its end early, and most of
+    the others stop at their first look.
     """
-    n, channels = b.shape
+    n = b.shape[0]
     largest = least
-    middle = 0
-    for k in range(a.shape[0]):
-        time = time_a[k]
-        while middle < n - 1 and time_b[middle] < time:
-            middle += 1
-        nearest = np.inf
-        right, left = middle, middle - 1
-        while nearest > largest:
-            gap_right = (time_b[right] - time) ** 2 if right < n else np.inf
-            gap_left = (time - time_b[left]) ** 2 if left >= 0 else np.inf
-            if gap_right <= gap_left:
-                if gap_right >= nearest:
+    for sparse in (True, False):
+        middle, near = 0, 0
+        for k in range(0, a.shape[0], SPARSE if sparse else 1):
+            time = time_a[k]
+            nearest = _square(a, k, b, near, time_b[near] - time)
+            if nearest <= largest:
+                continue
+            while middle < n - 1 and time_b[middle] < time:
+                middle += 1
+            right, left = middle, middle - 1
+            while nearest > largest:
+                gap_right = time_b[right] - time if right < n else np.inf
+                gap_left = time - time_b[left] if left >= 0 else np.inf
+                gap = min(gap_right, gap_left)
+                if gap * gap >= nearest:
                     break
-                at = right
-                square = gap_right
-                right += 1
-            else:
-                if gap_left >= nearest:
-                    break
-                at = left
-                square = gap_left
-                left -= 1
-            for c in range(channels):
-                square += (a[k, c] - b[at, c]) ** 2
-            nearest = min(nearest, square)
-        largest = max(largest, nearest)
+                if gap_right <= gap_left:
+                    at = right
+                    right += 1
+                else:
+                    at = left
+                    left -= 1
+                square = _square(a, k, b, at, gap)
+                if square < nearest:
+                    nearest = square
+                    near = at
+            largest = max(largest, nearest)
     return largest
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def lag_half_samples(x, y, path, weights):
-    """Median of j - i along a path, each step weighted by how far both curves move in it; in half samples.
-
-    A step from (i, j) to (i', j') counts at the mean of both ends. Where neither curve moves at all, steps count alike.
-    weights (>= 2 (n + m)) : work space
-    """
-    n, m, channels = x.shape[0], y.shape[0], x.shape[1]
-    bins = 2 * (n + m) - 3
-    total = 0.0
-    for even in range(2):
-        weights[:bins] = 0.0
-        for k in range(1, path.shape[0]):
-            i, j, i0, j0 = path[k, 0], path[k, 1], path[k - 1, 0], path[k - 1, 1]
-            weight = float(even)
-            for c in range(channels):
-                weight += abs(x[i, c] - x[i0, c]) + abs(y[j, c] - y[j0, c])
-            weights[j + j0 - i - i0 + 2 * (n - 1)] += weight
-            total += weight
-        if total > 0:
-            break
-    if total == 0:  # a single cell
-        return 0.0
-    half = 0.5 * total * (1 - 1e-12)
-    low, high = 0, bins - 1
-    below, above = weights[low], weights[high]
-    while below < half:
-        low += 1
-        below += weights[low]
-    while above < half:
-        high -= 1
-        above += weights[high]
-    return 0.5 * (low + high) - 2 * (n - 1)
+def moves(values):
+    """How far a curve (T, C) moves from sample to sample, summed over channels (T,); 0 at the first."""
+    moved = np.zeros(values.shape[0])
+    for k in range(1, values.shape[0]):
+        for c in range(values.shape[1]):
+            moved[k] += abs(values[k, c] - values[k - 1, c])
+    return moved
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def measure(xs, x_at, ys, y_at, first, last, length, paths, shift, step, there, back, lag):
-    """Both Hausdorff distances of the aligned curves, and the lag, of the pairs that `warp` has aligned.
+def lag_half_samples(moved_x, moved_y, path, weights):
+    """Median of j - i along a path, each step weighted by how far both curves move in it; in half samples.
 
-    shift (N, M) : time of the first sample of y less that of x, in value units
-    step : time from sample to sample, in value units
-    there, back, lag (N, M) : results, rows first to last - 1; lag in half samples, without the shift
+    A step from (i, j) to (i', j') counts at the mean of both ends. Where neither curve moves at all, steps count alike.
+    moved_x, moved_y : as `moves` gives them
+    weights (>= 2 (n + m)) : work space, zeros, which it leaves behind
+    """
+    middle = 2 * (moved_x.size - 1)
+    total, low, high = 0.0, weights.size, -1
+    for even in range(2):
+        for k in range(1, path.shape[0]):
+            i, j, i0, j0 = path[k, 0], path[k, 1], path[k - 1, 0], path[k - 1, 1]
+            weight = float(even)
+            if i > i0:
+                weight += moved_x[i]
+            if j > j0:
+                weight += moved_y[j]
+            at = j + j0 - i - i0 + middle
+            weights[at] += weight
+            total += weight
+            low, high = min(low, at), max(high, at)
+        if total > 0:
+            break
+    if high < 0:  # a single cell
+        return 0.0
+    half = 0.5 * total * (1 - 1e-12)
+    first, last = low, high
+    below, above = weights[first], weights[last]
+    while below < half:
+        first += 1
+        below += weights[first]
+    while above < half:
+        last -= 1
+        above += weights[last]
+    weights[low : high + 1] = 0.0
+    return 0.5 * (first + last) - middle
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def measure(xs, x_at, picks, ys, y_at, length, paths, step, there, back, lag):
+    """Both Hausdorff distances of the aligned curves, and the lag, of the pairs that `lanes.warp` has aligned.
+
+    picks (P,) : numbers of the xs
+    step : time from sample to sample, in value units. Aligned curves share their times, so that what each counts from
+        does not matter
+    there, back, lag (P, M) : results; lag in half samples, both counted from their first
     """
     channels, longest = xs.shape[1], paths.shape[2]
-    times, weights = np.empty(longest), np.empty(2 * longest + 2)
+    times, weights = np.empty(longest), np.zeros(2 * longest + 2)
     aligned_x, aligned_y = np.empty((longest, channels)), np.empty((longest, channels))
-    for a in range(first, last):
-        x = xs[x_at[a] : x_at[a + 1]]
+    moved_y = moves(ys)  # that from curve to curve is never read
+    for a in range(picks.size):
+        x = xs[x_at[picks[a]] : x_at[picks[a] + 1]]
+        moved_x = moves(x)
         for b in range(y_at.size - 1):
             y = ys[y_at[b] : y_at[b + 1]]
-            count = length[a - first, b]
-            path = paths[a - first, b, longest - count :]
+            count = length[a, b]
+            path = paths[a, b, longest - count :]
             for k in range(count):
                 i, j = path[k, 0], path[k, 1]
-                times[k] = 0.5 * (step * (i + j) + shift[a, b])
+                times[k] = 0.5 * step * (i + j)
                 for c in range(channels):
                     aligned_x[k, c] = x[i, c]
                     aligned_y[k, c] = y[j, c]
             time, p, q = times[:count], aligned_x[:count], aligned_y[:count]
             there[a, b] = math.sqrt(directed(time, p, time, q, 0.0))
             back[a, b] = math.sqrt(directed(time, q, time, p, 0.0))
-            lag[a, b] = lag_half_samples(x, y, path, weights)
+            lag[a, b] = lag_half_samples(moved_x, moved_y[y_at[b] : y_at[b + 1]], path, weights)

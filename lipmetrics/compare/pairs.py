@@ -12,6 +12,7 @@ from lipmetrics.compare import kernels
 from lipmetrics.compare.alignment import CLOCKS
 from lipmetrics.compare.curves import CHANNELS, Curve, even, nearest_name, thread_count
 from lipmetrics.compare.distances import SECONDS_PER_UNIT, check_seconds
+from lipmetrics.compare.lanes import LANES
 from lipmetrics.compare.warping import BAND, COST, best_paths, check_settings, check_size, distance_of, per_step_of
 from lipmetrics.errors import InputError
 
@@ -74,24 +75,32 @@ def pairs(
     curves, rate_hz = even([*takes, *references], channels, rate_hz, mixed_units)
     first, second = curves[: len(takes)], curves[len(takes) :]
     check_size(max(len(c.time_s) for c in first), max(len(c.time_s) for c in second), share)
-    (xs, x_at), (ys, y_at) = pack(first), pack(second)
-    shape = (len(first), len(second))
-    shift = np.zeros(shape)  # of a reference's first sample against a take's, seconds
-    if clock == "shared":
-        shift = np.array([c.time_s[0] for c in second])[None, :] - np.array([c.time_s[0] for c in first])[:, None]
+    turned = len(first) < len(second)  # the more there are of those aligned at a time, the faster
+    many, ones = (second, first) if turned else (first, second)
+    (values, at), (one_values, one_at) = pack(many), pack(ones)
+    shape = (len(many), len(ones))
     total, there, back, lag = (np.empty(shape) for _ in range(4))
     steps = np.empty(shape, np.int64)
-    longest = int(np.diff(x_at).max() + np.diff(y_at).max())
+    by_length = np.argsort(np.diff(at), kind="stable")
 
     def block(start: int, stop: int) -> None:
-        total[start:stop], steps[start:stop], paths = best_paths(xs, x_at, ys, y_at, start, stop, squared, share)
-        kernels.measure(
-            *(xs, x_at, ys, y_at, start, stop, steps[start:stop], paths),
-            *(shift * scale, scale / rate_hz, there, back, lag),
+        picks = by_length[start:stop]
+        total[picks], steps[picks], paths = best_paths(
+            *(values, at, picks, one_values, one_at, not turned, squared, share)
         )
+        measured = np.empty((3, len(picks), len(ones)))
+        kernels.measure(values, at, picks, one_values, one_at, steps[picks], paths, scale / rate_hz, *measured)
+        there[picks], back[picks], lag[picks] = measured
 
-    in_threads(block, len(first), max(1, BLOCK_BYTES // (8 * longest * len(second))), threads)
-    sizes = np.diff(x_at)[:, None] + np.diff(y_at)[None, :]
+    longest = int(np.diff(at).max() + np.diff(one_at).max())
+    size = BLOCK_BYTES // (8 * longest * len(ones) * LANES) * LANES
+    in_threads(block, len(many), max(LANES, size), threads)
+    sizes = np.diff(at)[:, None] + np.diff(one_at)[None, :]
+    if turned:
+        total, steps, there, back, lag, sizes = total.T, steps.T, back.T, there.T, -lag.T, sizes.T
+    shift = np.zeros(total.shape)  # of a reference's first sample against a take's, seconds
+    if clock == "shared":
+        shift = np.array([c.time_s[0] for c in second])[None, :] - np.array([c.time_s[0] for c in first])[:, None]
     return Pairs(
         *(tuple(c.name for c in first), tuple(c.name for c in second)),
         *(distance_of(total, squared), per_step_of(total, steps, squared), np.maximum(there, back), there, back),

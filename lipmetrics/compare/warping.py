@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lipmetrics.compare import kernels
+from lipmetrics.compare import kernels, lanes
 from lipmetrics.compare.curves import as_values, nearest_name
 from lipmetrics.errors import InputError
 
@@ -24,6 +24,7 @@ COSTS = ("absolute", "squared")
 COST = "absolute"
 BAND = 0.1  # default of all that aligns takes, share of the longer duration; a lag cannot exceed it
 MOST_CELLS = 8_000_000_000  # 2 GB of steps
+MOST_BYTES = 32_000_000  # of costs, for several pairs at a time; longer curves are aligned pair after pair
 
 
 def dtw_path(x, y, *, cost: str = COST, band: float | None = None) -> tuple[np.ndarray, float]:
@@ -57,20 +58,33 @@ def dtw_path(x, y, *, cost: str = COST, band: float | None = None) -> tuple[np.n
 
 def best_path(x: np.ndarray, y: np.ndarray, squared: bool, band: float) -> tuple[np.ndarray, float]:
     """Path (L, 2) int64 and summed cost of two curves that were checked."""
-    totals, lengths, paths = best_paths(x, np.array([0, len(x)]), y, np.array([0, len(y)]), 0, 1, squared, band)
-    return paths[0, 0, -lengths[0, 0] :].astype(np.int64), float(totals[0, 0])
+    path = np.empty((len(x) + len(y), 2), np.int32)
+    total, length = kernels.warp(x, y, band, squared, path)
+    return path[-length:].astype(np.int64), float(total)
 
 
-def best_paths(xs, x_at, ys, y_at, first: int, last: int, squared: bool, band: float):
-    """Curves number first to last - 1 of xs against all M of ys, packed as `kernels.warp` takes them.
+def best_paths(many, many_at, picks, ones, one_at, many_first: bool, squared: bool, band: float):
+    """Curves number `picks` (P,) of the many against all M of the ones, packed as `lanes.warp` takes them.
 
-    Returns summed costs (A, M), lengths (A, M), and paths (A, M, longest, 2) int32, each at the end of its row.
+    many_first : whether the many are the x of `dtw_path`, and the ones its y, or the other way round
+    Returns summed costs (P, M), lengths (P, M), and paths (P, M, longest, 2) int32 of samples of the many and of the
+    one, each at the end of its row; InputError if a cost is not finite. Fastest if curves picked one after another are
+    alike in length.
     """
-    longest = int(np.diff(x_at[first : last + 1]).max() + np.diff(y_at).max())
-    shape = (last - first, len(y_at) - 1)
+    sizes, one_sizes = np.diff(many_at)[picks], np.diff(one_at)
+    shape = (len(picks), len(one_sizes))
     totals, lengths = np.empty(shape), np.empty(shape, np.int64)
-    paths = np.empty((*shape, longest, 2), np.int32)
-    kernels.warp(xs, x_at, ys, y_at, first, last, band, squared, totals, lengths, paths)
+    paths = np.empty((*shape, int(sizes.max() + one_sizes.max()), 2), np.int32)
+    if many.shape[1] <= lanes.MOST_CHANNELS and lanes.table_bytes(sizes, one_sizes, band) <= MOST_BYTES:
+        lanes.warp(many, many_at, picks, ones, one_at, many_first, band, squared, totals, lengths, paths)
+    else:
+        for a, b in np.ndindex(shape):
+            x, y = many[many_at[picks[a]] : many_at[picks[a] + 1]], ones[one_at[b] : one_at[b + 1]]
+            first, second = (x, y) if many_first else (y, x)
+            totals[a, b], lengths[a, b] = kernels.warp(first, second, band, squared, paths[a, b])
+            if not many_first:
+                paths[a, b] = paths[a, b, :, ::-1].copy()
+    distance_of(totals, squared)
     return totals, lengths, paths
 
 
