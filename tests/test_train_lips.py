@@ -274,6 +274,36 @@ def test_the_same_seed_gives_the_same_file_whatever_the_processes(tmp_path, monk
     assert (tmp_path / "1.npz").read_bytes() == (tmp_path / "2.npz").read_bytes()
 
 
+# --- borders
+
+
+def test_true_borders_are_where_the_shares_of_a_column_add_up_to():
+    column = np.zeros((40, 3), np.float32)
+    column[10:20, 0] = 1
+    column[9, 0], column[20, 0] = 0.25, 0.5  # from 9.25 to 20 in px centres
+    column[5:8, 1], column[15:18, 1] = 1, 0.9  # two openings: the one that was found counts
+    upper, lower = train.true_borders(column, np.array([11.0, 14.0, 10.0]), np.array([18.0, 19.0, 12.0]))
+    np.testing.assert_allclose(upper[:2], [9.25, 14.6], atol=1e-6)
+    np.testing.assert_allclose(lower[:2], [20.0, 17.3], atol=1e-6)
+    assert np.isnan(upper[2]) and np.isnan(lower[2])
+
+
+@pytest.mark.slow
+def test_the_border_stage_learns_how_far_off_the_borders_are(coarse, capsys):
+    fine = train.train_stage(replace(train.FINE_STAGE, **TINY), partial(train.fine_example, coarse), scale=0.003)
+    borders = train.train_borders(partial(train.border_example, coarse, fine), scale=0.01)
+    assert borders.leaves.shape[2] == 1 and np.isfinite(borders.leaves).all()
+    off, left = [], []
+    for i in range(12):
+        rng = np.random.default_rng([train.SEED, 4, UNSEEN + i])
+        for maps, share in train.border_example(coarse, fine, train.SETS["border"], rng):
+            known = np.isfinite(share)
+            answer = 1 / (1 + np.exp(-log_odds(borders, maps, PAD, (0, 1), (0, len(share)))[0, 0]))
+            off += np.abs(share - 0.5)[known].tolist()
+            left += np.abs(share - answer)[known].tolist()
+    assert np.mean(left) < 0.95 * np.mean(off)
+
+
 # --- command line
 
 
@@ -282,6 +312,13 @@ def test_a_quick_try_does_not_replace_the_shipped_forests(monkeypatch, capsys):
     with pytest.raises(SystemExit):
         train.main()
     assert "-o FILE" in capsys.readouterr().err
+
+
+def test_forests_of_an_album_do_not_replace_the_shipped_ones(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["train_lips.py", "--album", "album"])
+    with pytest.raises(SystemExit):
+        train.main()
+    assert "-o FILE with --album" in capsys.readouterr().err
 
 
 def _rng():
