@@ -315,6 +315,7 @@ def test_a_quick_try_does_not_replace_the_shipped_forests(monkeypatch, capsys):
 
 
 def test_forests_of_an_album_do_not_replace_the_shipped_ones(monkeypatch, capsys):
+    monkeypatch.setattr(train, "solve_motions", lambda *_: pytest.fail("began to train"))
     monkeypatch.setattr(sys, "argv", ["train_lips.py", "--album", "album"])
     with pytest.raises(SystemExit):
         train.main()
