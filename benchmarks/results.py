@@ -11,7 +11,7 @@ import pandas as pd
 RESULTS = Path(__file__).with_name("RESULTS.md")
 SECTIONS = (
     *("accuracy", "speed", "solver", "stress", "mouth", "findings"),
-    *("compare", "recognition", "likeness", "study"),
+    *("compare", "recognition", "likeness", "study", "validate"),
 )
 
 

@@ -217,6 +217,81 @@ def rehearse_demo(method: str) -> None:
     rehearse(method)
 
 
+def run_validate(arguments: argparse.Namespace) -> int:
+    """`lipmetrics validate`: measure simulated clips of every kind, and say where the method can be trusted."""
+    from lipmetrics.validate import validate
+
+    folder = Path(arguments.out)
+    clips, facts = suite_clips(arguments)
+    prepare(folder)
+    summary = validate(
+        clips,
+        film_suite,
+        folder,
+        method=arguments.method,
+        jobs=arguments.jobs,
+        progress=sys.stderr.isatty(),
+        facts=facts,
+    )
+    text = summary.pop("text")
+    if arguments.json:
+        say_json({"command": "validate", **summary})
+    else:
+        say("\n".join(text))
+    return SOME_FAILED if summary["failed"] else DONE
+
+
+def suite_clips(arguments: argparse.Namespace):
+    """The clips that a validation is made of, and what its report says about them."""
+    from lipmetrics.validate import ClipFacts
+    from simulator import errors
+    from simulator.suite import NAMED, RATE_HZ, RESOLUTION, SEEDS, clip_key, suite
+
+    only = [one.strip() for one in (arguments.only or "").split(",") if one.strip()]
+    try:
+        chosen = suite(arguments.part, quick=arguments.quick, only=only, seed=arguments.seed)
+    except errors.InputError as error:
+        raise InputError(str(error)) from None
+    clips = [
+        ClipFacts(
+            clip=one.name,
+            axis=one.axis,
+            setting=one.setting,
+            condition=one.condition,
+            take=one.take.name,
+            action=one.take.action,
+            face=one.take.face,
+            mouth_px=one.filming.mouth_px,
+            key=clip_key(one),
+            content=one,
+        )
+        for one in chosen
+    ]
+    facts = {
+        "part": arguments.part + (", quick" if arguments.quick else "") + (f", only {', '.join(only)}" if only else ""),
+        "faces": f"{', '.join(NAMED[arguments.part])} and random ones between these; the other part has none of them",
+        "seed": f"{SEEDS[arguments.part]}, {arguments.seed}",
+        "film": f"{RATE_HZ:g} pictures per second, H.264; {RESOLUTION} mesh",
+    }
+    return clips, facts
+
+
+def film_suite(clips, folder: Path) -> str:
+    """Write the clips of one movement and their truth; returns why they cannot be filmed, or nothing."""
+    from simulator import errors
+    from simulator.suite import solve_take, write_clip
+
+    try:
+        solved = solve_take(clips[0].content.take)
+        if solved.motion is None:
+            return solved.dropped
+        for one in clips:
+            write_clip(one.content, solved, folder, one.key)
+    except errors.InputError as error:
+        return str(error)
+    return ""
+
+
 def find_clips(inputs: list[str]) -> list[str]:
     """The clips that the inputs name: the videos of a folder in order of name, everything else as it stands.
 
@@ -279,6 +354,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_measure(verbs)
     _add_demo(verbs)
     add_comparison_verbs(verbs)
+    _add_validate(verbs)
     verbs.add_parser("simulate", help="ground-truth clips of sticky mouths from scenes", add_help=False)
     verbs.add_parser("view", help="replay a simulated clip in the browser", add_help=False)
     verbs.add_parser("corpus", help="record, cut, check, measure and average a corpus of clips", add_help=False)
@@ -322,6 +398,31 @@ def _add_demo(verbs) -> None:
     )
     verb.add_argument("-o", "--out", default="lipmetrics-demo", metavar="DIR", help="folder for clip and report")
     verb.add_argument("--method", default="default", help="default, or thesis for the published baseline")
+
+
+def _add_validate(verbs) -> None:
+    verb = add_verb(
+        verbs,
+        "validate",
+        run_validate,
+        "measure simulated clips of every kind and say where the method can be trusted",
+        "lipmetrics validate -o validation --quick",
+    )
+    verb.add_argument("-o", "--out", default="lipmetrics-validate", metavar="DIR", help="folder for clips and report")
+    verb.add_argument("--part", default="report", help="report (default), or tune: other faces and seeds, to work with")
+    verb.add_argument("--quick", action="store_true", help="about a tenth of the clips")
+    verb.add_argument("--method", default="default", help="default, or thesis for the published baseline")
+    verb.add_argument(
+        "--only", metavar="CONDITION,...", help="only these axes or conditions, such as 'beard,noise: 6 %%'"
+    )
+    verb.add_argument("--jobs", type=count, metavar="N", help="processes; 2 where nothing is said")
+    verb.add_argument("--seed", type=_whole, default=0, metavar="N", help="other than 0 for other random faces")
+
+
+def _whole(text: str) -> int:
+    if not text.isascii() or not text.isdigit() or len(text) > 9:
+        raise argparse.ArgumentTypeError(f"expected a whole number of at least 0, got '{text}'")
+    return int(text)
 
 
 def _region(text: str) -> tuple[int, int, int, int]:

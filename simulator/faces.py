@@ -5,6 +5,7 @@ The lengths are plausible ones, chosen so that the faces can be told apart; none
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import fields, replace
 
 import numpy as np
@@ -80,9 +81,9 @@ def face(name: str, **changes: float) -> MouthShape:
     return replace(FACES[name], **changes)
 
 
-def random_face(rng: np.random.Generator) -> MouthShape:
+def random_face(rng: np.random.Generator, names: Sequence[str] = tuple(FACES)) -> MouthShape:
     """A face between two of the named ones, its lengths then varied by up to a tenth."""
-    one, other = (FACES[name] for name in rng.choice(sorted(FACES), 2, replace=False))
+    one, other = (FACES[name] for name in rng.choice(sorted(names), 2, replace=False))
     mix = rng.uniform()
     lengths = {}
     for field in fields(MouthShape):

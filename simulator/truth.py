@@ -68,11 +68,11 @@ class Truth:
         masks = [polygons.mask(of_frame, shape) for of_frame in self.polygons]
         return np.array(masks, bool).reshape(len(masks), *shape)
 
-    def save(self, folder: str | Path, stem: str) -> list[Path]:
+    def save(self, folder: str | Path, stem: str, details: bool = True) -> list[Path]:
         """Write the files that docs/ground_truth.md lists into `folder`, made if needed: same truth, same bytes.
 
         All are complete before the first takes its name; `<stem>.json` comes last. `lipmetrics.load_profile` reads
-        `<stem>`.
+        `<stem>`. Without `details` saliva, energies and the tables in metres are left out.
 
         Raises
         ------
@@ -80,14 +80,15 @@ class Truth:
         """
         texts = {
             ".json": _json(self.meta | {"file": stem}),
-            ".saliva.csv.gz": csv(self.saliva),
-            ".energy.csv": csv(self.energies),
+            ".saliva.csv.gz": csv(self.saliva) if details else None,
+            ".energy.csv": csv(self.energies) if details else None,
             ".polygons.json": self._polygons_json(),
-            ".metres.openings.csv": csv(self.openings_m),
-            ".metres.frames.csv": csv(self.frames_m),
+            ".metres.openings.csv": csv(self.openings_m) if details else None,
+            ".metres.frames.csv": csv(self.frames_m) if details else None,
             ".openings.csv": csv(self.openings),
             ".frames.csv": csv(self.frames),
         }
+        texts = {ending: text for ending, text in texts.items() if text is not None}
         paths = [Path(folder) / (stem + ending) for ending in texts]
         with ExitStack() as files:  # leaves in reverse order, so the json comes last
             for path, text in zip(paths, texts.values(), strict=True):
