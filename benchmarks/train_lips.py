@@ -23,18 +23,22 @@ from dataclasses import dataclass
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import cv2
 import numba as nb
 import numpy as np
+from simulated_canvases import cut_canvas, draw_pictures, solve_motions
 
 import lipmetrics
+from lipmetrics import border
 from lipmetrics.artificial import draw, lip_curves, photograph, random_camera, random_face
 from lipmetrics.atomic import whole_file
 from lipmetrics.box import ASPECT, CANVAS, COARSE, MOUTH
+from lipmetrics.decode import decode
 from lipmetrics.features import COARSE_COUNT, FINE_COUNT, MAX_OFFSET, PAD
 from lipmetrics.forest import Forest, log_odds, save_forests
-from lipmetrics.lips import LIP, coarse_inputs, fine_inputs, shrunk
+from lipmetrics.lips import LIP, OPENING, LipSettings, coarse_inputs, fine_inputs, shrunk
 
 SHARES = ("mouth", "opening", "lower lip")  # what is known of a pixel, in the order of lips.LIP, OPENING, LOWER
 WRITTEN_TO = Path(lipmetrics.__file__).parent / "data" / "lips.npz"
@@ -55,19 +59,34 @@ class CanvasSet:
     move_mw: float  # spread of its place, along rows and along columns
     turn_rad: float
     closed: float  # share of shut mouths
+    simulated: float = 0.0  # share of canvases cut out of simulated pictures instead of drawn
     far: float = 0.0  # share of canvases whose mouth is FAR_MW from the middle, half or wholly outside
     empty: float = 0.0  # share of canvases with texture and no face at all
 
 
 FAR_MW = 1.4
 DRAWN = (CANVAS[0] * 3 // 4, CANVAS[1] * 3 // 4)  # coarse canvases are drawn larger and averaged down, as in use
+SIMULATED = 0.4
 SETS = {
     # a mouth that is being followed, one frame later
     "tight": CanvasSet(1, 9000, DRAWN, resize=0.13, move_mw=0.07, turn_rad=0.13, closed=0.25),
     # places the search tries: a mouth of the wrong size, half of one, none
     "wide": CanvasSet(2, 9000, DRAWN, resize=0.4, move_mw=0.3, turn_rad=0.2, closed=0.25, far=0.2, empty=0.12),
     # the canvas as it lies when the mouth is measured
-    "fine": CanvasSet(3, 13000, CANVAS, resize=0.07, move_mw=0.04, turn_rad=0.06, closed=0.3, far=0.05, empty=0.04),
+    "fine": CanvasSet(
+        3,
+        13000,
+        CANVAS,
+        resize=0.07,
+        move_mw=0.04,
+        turn_rad=0.06,
+        closed=0.3,
+        simulated=SIMULATED,
+        far=0.05,
+        empty=0.04,
+    ),
+    # the same, open and new to the other forests
+    "border": CanvasSet(4, 5000, CANVAS, resize=0.07, move_mw=0.04, turn_rad=0.06, closed=0.1, simulated=SIMULATED),
 }
 
 
@@ -119,6 +138,20 @@ FINE_STAGE = Stage(
     spread_px=5.0,  # half of the height of a lip on this canvas
     nearby=0.4,  # the border of an opening is told by the pixels at both sides of it
 )
+BORDER_STAGE = Stage(
+    name="border",
+    sets=("border",),
+    maps=border.COUNT,
+    outputs=1,
+    trees=60,
+    depth=6,
+    rate=0.2,
+    questions=800,
+    tried=120,
+    spread_px=4.0,
+    nearby=0.5,
+)
+BORDERS = 40  # places of each canvas and of each opening on it
 PIXELS = 80  # of each canvas: its pixels resemble one another, so more canvases teach more than more pixels
 NEAR_LIPS_PX = (5.0, 2.5)  # rows, columns: spread of the pixels that are taken around the lips, where mistakes are made
 ROW_SHARE = 0.4  # of the pixels choose a tree's questions: faster, and trees differ; all of them set its leaves
@@ -146,11 +179,18 @@ class Questions:
 # --- canvases
 
 
-def draw_canvas(kind: CanvasSet, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """A canvas (rows, cols, 3) uint8 RGB and its shares (3, rows, cols) float32 in the order of SHARES."""
+def draw_canvas(kind: CanvasSet, rng: np.random.Generator, album: Path | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """A canvas (rows, cols, 3) uint8 RGB and its shares (3, rows, cols) float32 in the order of SHARES.
+
+    album : folder of simulated pictures; without one all canvases are drawn
+    """
     square = (kind.size[0], kind.size[1] * ASPECT)
     if rng.random() < kind.empty:
         return narrowed(draw_texture(square, rng)), np.zeros((len(SHARES), *kind.size), np.float32)
+    if album is not None and rng.random() < kind.simulated:
+        away_mw = rng.normal(0, FAR_MW if rng.random() < kind.far else kind.move_mw, 2)
+        turn_rad = rng.normal(0, kind.turn_rad)
+        return cut_canvas(album, kind.size, np.exp(rng.normal(0, kind.resize)), away_mw, turn_rad, kind.closed, rng)
     face = random_face(rng, closed=rng.random() < kind.closed)
     across = np.linspace(-0.5, 0.5, 241) * face.shape.width
     upper, _, _, lower = lip_curves(face.shape, across)
@@ -189,17 +229,66 @@ def draw_texture(size: tuple[int, int], rng: np.random.Generator) -> np.ndarray:
     return photograph(np.clip(picture, 0, 1).astype(np.float32), random_camera(rng), rng)
 
 
-def coarse_example(kind: CanvasSet, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Maps of the coarse stage of a drawn canvas, and the shares (3, *COARSE) to learn."""
-    canvas, shares = draw_canvas(kind, rng)
+def coarse_example(
+    kind: CanvasSet, rng: np.random.Generator, album: Path | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Maps of the coarse stage of a canvas, and the shares (3, *COARSE) to learn."""
+    canvas, shares = draw_canvas(kind, rng, album)
     return coarse_inputs(shrunk(canvas)), np.stack([shrunk(share) for share in shares])
 
 
-def fine_example(coarse: Forest, kind: CanvasSet, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Maps of the fine stage of a drawn canvas, as seen after the forest `coarse`, and shares (3, *CANVAS)."""
-    canvas, shares = draw_canvas(kind, rng)
+def fine_example(
+    coarse: Forest, kind: CanvasSet, rng: np.random.Generator, album: Path | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Maps of the fine stage of a canvas, as seen after the forest `coarse`, and shares (3, *CANVAS)."""
+    canvas, shares = draw_canvas(kind, rng, album)
     odds = log_odds(coarse, coarse_inputs(shrunk(canvas)), PAD, (0, COARSE[0]), (0, COARSE[1]))
     return fine_inputs(canvas, odds), shares
+
+
+def border_example(
+    coarse: Forest, fine: Forest, kind: CanvasSet, rng: np.random.Generator, album: Path | None = None
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Of each border of the openings that are found on a canvas: the straightened maps, and how far off it is.
+
+    The second, (n,), is the share of 2 REACH by which the true border lies into the opening, plus a half; NaN where
+    the opening is not truly open.
+    """
+    canvas, shares = draw_canvas(kind, rng, album)
+    odds = log_odds(coarse, coarse_inputs(shrunk(canvas)), PAD, (0, COARSE[0]), (0, COARSE[1]))
+    maps = fine_inputs(canvas, odds)
+    odds = log_odds(fine, maps, PAD, (0, CANVAS[0]), (0, CANVAS[1]))
+    mouth = decode(odds, lean=LipSettings().lean)
+    found = []
+    for begin, end in mouth.open_runs(LipSettings().switch) if mouth is not None else ():
+        left, upper, lower = mouth.left + begin, mouth.upper[begin:end], mouth.lower[begin:end]
+        truth = true_borders(shares[OPENING][:, left : left + end - begin], upper, lower)
+        for side, measured, true in ((border.UPPER, upper, truth[0]), (border.LOWER, lower, truth[1])):
+            off = np.clip(side * (true - measured) / (2 * border.REACH), -0.5, 0.5) + 0.5
+            found.append((border.straightened(maps, odds, (0, 0), left, upper, lower, side), off))
+    return found
+
+
+def true_borders(opening: np.ndarray, upper: np.ndarray, lower: np.ndarray) -> np.ndarray:
+    """Rows (2, n) where the opening, shares (rows, n), begins and ends in each column; NaN where there is none.
+
+    Of several openings in a column it is the one with the greatest share of what was found, from upper to lower (n,).
+    """
+    truth = np.full((2, opening.shape[1]), np.nan)
+    rows = np.arange(len(opening))
+    for j, column in enumerate(opening.T):
+        is_open = np.concatenate([[False], column > 0.02, [False]])
+        best = 0.0
+        for begin, end in np.flatnonzero(is_open[1:] != is_open[:-1]).reshape(-1, 2):
+            part = column[begin:end]
+            near = (rows[begin:end] > upper[j] - 3) & (rows[begin:end] < lower[j] + 3)
+            if part[near].sum() > best:
+                best, middle = part[near].sum(), begin + int(part.argmax())
+                truth[:, j] = (
+                    middle + 0.5 - column[begin : middle + 1].sum(),
+                    middle + 0.5 + column[middle + 1 : end].sum(),
+                )
+    return truth
 
 
 def choose_pixels(lip: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
@@ -408,6 +497,34 @@ def train_stage(stage: Stage, example: Example, scale: float = 1.0, processes: i
     return grow(stage, questions, edges, bins, shares[:, : stage.outputs], rng, processes)
 
 
+def read_borders(example, questions: Questions, task: tuple[CanvasSet, int]) -> tuple[np.ndarray, np.ndarray]:
+    """Answers (F, n) int16 and shares (n, 1) of up to BORDERS places of the borders on a canvas."""
+    kind, index = task
+    rng = np.random.default_rng([SEED, kind.number, index])
+    answers, shares = [np.empty((len(questions.single), 0), np.int16)], [np.empty((0, 1), np.float32)]
+    for maps, off in example(kind, rng):
+        cols = np.flatnonzero(np.isfinite(off))
+        cols = rng.choice(cols, min(len(cols), BORDERS // 2), replace=False)
+        answers.append(ask(questions, maps, np.zeros(len(cols), int), cols))
+        shares.append(off[cols, None].astype(np.float32))
+    return np.concatenate(answers, axis=1), np.concatenate(shares)
+
+
+def train_borders(example, scale: float = 1.0, processes: int = 1) -> Forest:
+    """Grow the forest that moves borders, as :func:`train_stage`."""
+    stage = BORDER_STAGE
+    rng = np.random.default_rng([SEED, *stage.name.encode()])
+    tasks = [(SETS[name], i) for name in stage.sets for i in range(max(1, round(scale * SETS[name].count)))]
+    questions = random_questions(stage, rng)
+    read = list(_spread(partial(read_borders, example, questions), tasks, processes))
+    answers, shares = (
+        np.concatenate(each, axis=axis) for each, axis in zip(zip(*read, strict=True), (1, 0), strict=True)
+    )
+    edges = bin_edges(answers[:, :: max(1, answers.shape[1] // (EDGE_CANVASES * PIXELS))])
+    print(f"{stage.name}: {len(tasks)} canvases, {len(shares)} places", flush=True)
+    return grow(stage, questions, edges, to_bins(answers, edges), shares, rng, processes)
+
+
 # --- command line
 
 
@@ -416,16 +533,23 @@ def main() -> None:
     parser.add_argument("-o", "--output", type=Path, help=f"file to write, default {WRITTEN_TO}")
     parser.add_argument("--scale", type=float, default=1.0, help="draw this many times as many canvases")
     parser.add_argument("--processes", type=int, default=2, help="on so many cores; the result is the same")
+    parser.add_argument("--album", type=Path, help="keep the simulated pictures here; drawn once, in some minutes")
     options = parser.parse_args()
     if options.processes < 1 or not 0 < options.scale <= 1:
         parser.error("expected --processes of at least 1 and --scale above 0 and up to 1")
     if options.scale < 1 and options.output is None:
         parser.error("expected -o FILE with --scale: a quick try does not replace the package's own forests")
 
-    coarse = train_stage(COARSE_STAGE, coarse_example, options.scale, options.processes)
-    fine = train_stage(FINE_STAGE, partial(fine_example, coarse), options.scale, options.processes)
+    with TemporaryDirectory() as folder:
+        album = options.album or Path(folder)
+        solve_motions(album, options.processes)
+        draw_pictures(album, options.processes)
+        coarse = train_stage(COARSE_STAGE, partial(coarse_example, album=album), options.scale, options.processes)
+        fine = train_stage(FINE_STAGE, partial(fine_example, coarse, album=album), options.scale, options.processes)
+        example = partial(border_example, coarse, fine, album=album)
+        borders = train_borders(example, options.scale, options.processes)
     with whole_file(options.output or WRITTEN_TO) as part, part.open("wb") as file:
-        save_forests(file, {"coarse": coarse, "fine": fine})
+        save_forests(file, {"coarse": coarse, "fine": fine, "border": borders})
 
 
 if __name__ == "__main__":

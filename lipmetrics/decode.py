@@ -10,6 +10,7 @@ Inside, a border is counted from the upper edge of the map: border r lies above 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -27,7 +28,7 @@ MOUTH_SWITCH, MOUTH_BIAS = 2.5, 0.3  # cost of a corner of the mouth, and of a c
 HEAT = 2.0  # pixels side by side say much the same: their evidence together is worth so many times less
 CORNER_ROWS = 3  # above and below the seam, in which lips are followed to the corner
 NARROWEST = 2  # columns of a mouth
-BEYOND = 0.25  # columns that an opening reaches beyond the middles of its first and last: it gets lower towards them
+LEAST_BEYOND, MOST_BEYOND = 0.25, 0.7  # columns that an opening reaches beyond the middles of its first and last
 CORNER_COLS = 3  # farthest that lips are followed beyond the columns that tell them from skin
 FAR_FROM, FAR_COST = (
     0.3,
@@ -99,18 +100,27 @@ class Mouth:
         """Rows per column by which the seam falls from left to right, least squares."""
         return _slope(self.seam)
 
-    def openings(self, switch: float) -> list[Opening]:
-        """Where it is open, from left to right; a column where open becomes closed, or closed open, costs `switch`."""
+    def open_runs(self, switch: float) -> np.ndarray:
+        """First column and column after the last (n, 2) of what is open, counted from `left`; as :meth:`openings`."""
         is_open = np.concatenate([[False], switched(self.evidence, switch), [False]])
+        return np.flatnonzero(is_open[1:] != is_open[:-1]).reshape(-1, 2)
+
+    def openings(self, switch: float, sharpened: Callable | None = None) -> list[Opening]:
+        """Where it is open, from left to right; a column where open becomes closed, or closed open, costs `switch`.
+
+        sharpened : from the first column of an opening, and its borders (n,), to better borders
+        """
         found = []
-        for begin, end in np.flatnonzero(is_open[1:] != is_open[:-1]).reshape(-1, 2):
+        for begin, end in self.open_runs(switch):
             upper, lower, count = self.upper[begin:end], self.lower[begin:end], end - begin
+            if sharpened is not None:
+                upper, lower = sharpened(self.left + begin, upper, lower)
             outline = np.empty((2 * count + 2, 2))
             outline[1 : count + 1, 0], outline[count + 2 :, 0] = upper, lower[::-1]
             outline[1 : count + 1, 1] = np.arange(self.left + begin, self.left + end)
             outline[count + 2 :, 1] = outline[count:0:-1, 1]
-            outline[0] = (upper[0] + lower[0]) / 2, self.left + begin - BEYOND
-            outline[count + 1] = (upper[-1] + lower[-1]) / 2, self.left + end - 1 + BEYOND
+            outline[0] = (upper[0] + lower[0]) / 2, self.left + begin - _beyond(lower - upper)
+            outline[count + 1] = (upper[-1] + lower[-1]) / 2, self.left + end - 1 + _beyond((lower - upper)[::-1])
             found.append(Opening(outline, float((lower - upper).max()), float(self.evidence[begin:end].sum())))
         return found
 
@@ -399,6 +409,14 @@ def _best_run(on, evidence):
         if total > best:
             best, begin, end = total, start, j + 1
     return begin, end
+
+
+def _beyond(heights: np.ndarray) -> float:
+    """Columns that an opening of heights (n,), from one end on, reaches beyond that end: on as it falls to it."""
+    inward = min(2, len(heights) - 1)
+    fall = (heights[inward] - heights[0]) / inward if inward else 0.0
+    reach = heights[0] / fall if fall > 0 else LEAST_BEYOND
+    return min(max(float(reach), LEAST_BEYOND), MOST_BEYOND)
 
 
 @nb.njit(cache=True, nogil=True)

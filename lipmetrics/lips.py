@@ -10,14 +10,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from importlib import resources
 from itertools import takewhile
 
 import cv2
 import numpy as np
 
-from lipmetrics import features
+from lipmetrics import border, features
 from lipmetrics.box import ASPECT, CANVAS, COARSE, MOUTH, Box, lay_canvas, nine_of_sixteen
 from lipmetrics.decode import Mouth, decode, sums_inside
 from lipmetrics.errors import InputError
@@ -92,9 +92,9 @@ class LipSettings:
 
 @lru_cache(maxsize=1)
 def forests():
-    """The coarse and the fine forest that come with the package."""
+    """The coarse, the fine and the border forest that come with the package."""
     with resources.as_file(resources.files("lipmetrics") / "data" / "lips.npz") as file:
-        return load_forest(file, "coarse"), load_forest(file, "fine")
+        return load_forest(file, "coarse"), load_forest(file, "fine"), load_forest(file, "border")
 
 
 def shrunk(canvas: np.ndarray) -> np.ndarray:
@@ -398,17 +398,17 @@ class _Detector:
         if canvas is None:
             return lost
         earlier = self._earlier
-        odds, region, mouth = self._decoded(canvas)
+        odds, region, mouth, maps = self._decoded(canvas)
         if self._seen is not None and (mouth is None or not fits(mouth, region, CANVAS)):
             self._region, self._seen, self._earlier = None, None, earlier  # it has left where it was: look everywhere
-            odds, region, mouth = self._decoded(canvas)
+            odds, region, mouth, maps = self._decoded(canvas)
         if mouth is None:
             return lost
         box, settings = self._box, self.settings
         score = mouth_score(odds[LIP], mouth)
-        openings = [
-            each for each in mouth.openings(settings.switch) if each.height >= settings.min_height_mw * ASPECT * MOUTH
-        ]
+        sharpened = partial(border.moved, forests()[2], maps, odds, (region[0], region[2]))
+        openings = mouth.openings(settings.switch, sharpened)
+        openings = [each for each in openings if each.height >= settings.min_height_mw * ASPECT * MOUTH]
         needed = settings.sure_above
         if self._look is not None:
             needed += settings.hysteresis if self._look.status == CLOSED else -settings.hysteresis
@@ -424,11 +424,12 @@ class _Detector:
         confidence = score * (0.3 + 0.7 * decided)
         return Look(OPEN if outlines else CLOSED, outlines, box.to_picture(mouth.corners), confidence), score
 
-    def _decoded(self, canvas: np.ndarray) -> tuple[np.ndarray, Region, Mouth | None]:
-        """Fine log-odds, the part of the canvas that they are of, and the mouth there."""
+    def _decoded(self, canvas: np.ndarray) -> tuple[np.ndarray, Region, Mouth | None, np.ndarray]:
+        """Fine log-odds, the part of the canvas that they are of, the mouth there, and the maps of that part."""
         coarse, region = self._coarse(shrunk(canvas))
-        odds = self._steadied(canvas, fine_odds(canvas, coarse, region), region)
-        return odds, region, decode(odds, region, self.settings.lean)
+        maps = fine_inputs(canvas, coarse, region)
+        odds = self._steadied(canvas, _odds(forests()[1], maps, CANVAS, region), region)
+        return odds, region, decode(odds, region, self.settings.lean), maps
 
     def _steadied(self, canvas: np.ndarray, odds: np.ndarray, region: Region) -> np.ndarray:
         """Log-odds drawn towards those of the frame before where the picture is the same: noise is not movement."""

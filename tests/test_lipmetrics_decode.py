@@ -8,7 +8,7 @@ from drawn_mouth import PLAIN, opened, overlap, plain
 from lipmetrics import decode as d
 from lipmetrics.artificial import Shape
 from lipmetrics.box import ASPECT
-from lipmetrics.decode import best_path, column_scores, decode, mean_path, switched
+from lipmetrics.decode import Mouth, best_path, column_scores, decode, mean_path, switched
 
 
 def paths(rows, cols, highest, lowest, reach):
@@ -215,3 +215,25 @@ def test_sums_between_the_borders_are_those_of_a_mask():
     part = odds[:, 5:17][(row > top) & (row < bottom)]
     expected = part.size, (1 / (1 + np.exp(-part.astype(float)))).sum(), (part > 0).sum(), (odds > 0).sum()
     assert d.sums_inside(odds, 5, top, bottom) == pytest.approx(expected, rel=1e-5)
+
+
+@pytest.mark.parametrize("tip", [0.4, 0.6])
+def test_an_opening_that_tapers_ends_where_it_tapers_to(tip):
+    """Columns 10 to 29 of a rhombus whose ends lie `tip` columns farther out."""
+    columns = np.arange(10, 30)
+    half = 0.8 * np.minimum(columns - (10 - tip), 29 + tip - columns)
+    level = np.full(20, 30.0)
+    evidence = np.full(20, 5.0)
+    mouth = Mouth(10, 30, level, level - 20, level + 20, level - half, level + half, evidence, evidence)
+    (opening,) = mouth.openings(1.5)
+    assert opening.outline[:, 1].min() == pytest.approx(10 - tip)
+    assert opening.outline[:, 1].max() == pytest.approx(29 + tip)
+
+
+def test_borders_can_be_sharpened_before_the_outline_is_made():
+    level, evidence = np.full(8, 20.0), np.full(8, 5.0)
+    mouth = Mouth(4, 12, level, level - 9, level + 9, level - 3, level + 3, evidence, evidence)
+    (opening,) = mouth.openings(1.5, lambda left, upper, lower: (upper + left / 4, lower + 1))
+    assert opening.height == pytest.approx(6)
+    assert opening.outline[1:9, 0] == pytest.approx(18)
+    assert opening.outline[10:, 0] == pytest.approx(24)
