@@ -220,8 +220,9 @@ def random_look(rng: np.random.Generator) -> Look:
 
 
 def draw_pictures(folder: Path, processes: int = 1, stages: int = STAGES, motions: int = MOTIONS) -> None:
-    """Draw the pictures that the folder lacks: PER_STAGE states of a random motion for each of the stages, with a random
-    look and camera each. The picture is 000000_0.png, its shares 000000_0.shares.png; pictures.npz says what is shown.
+    """Draw the pictures that the folder lacks: for each stage PER_STAGE states of a random motion, in a random look.
+
+    A picture is 000000_0.png, its shares are 000000_0.shares.png, and 000000.npz says where the mouths lie.
     """
     missing = [n for n in range(stages) if not (folder / f"{n:06d}.npz").exists()]
     work = partial(_draw_stage, folder, motions)
@@ -278,7 +279,7 @@ def _write_png(path: Path, picture: np.ndarray) -> None:
 
 
 class Picture(NamedTuple):
-    """Where a picture is, the middle of its lips (row, column), the way from corner to corner, and whether it is open."""
+    """File of a picture, middle of its lips (row, column), way from corner to corner, and whether it is open."""
 
     stem: str
     middle: tuple[float, float]
@@ -355,7 +356,7 @@ def cut_canvas(
 
 
 def lip_patches(mouth: Mouth, positions: np.ndarray) -> dict[str, list[np.ndarray]]:
-    """Polygons (n, 3), m, that make up the red of the upper and of the lower lip when the nodes are at positions (N, 3).
+    """Polygons (n, 3), m, that make up the red of both lips when the nodes are at positions (N, 3).
 
     The border of the red runs through the quads, where the distance to it is 0; the saliva's quads are halved.
     """

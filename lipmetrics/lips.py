@@ -1,9 +1,10 @@
 """The default method: find the mouth, lay a canvas over it, classify its pixels, decide what is open.
 
-Two stages of one kind of classifier (`lipmetrics.forest`), trained on drawn mouths (`lipmetrics.artificial`) and
-on nothing else: a coarse one that says where the lips are, and a fine one that sees the coarse answer and the
-colours relative to this person's lips and skin. Their answers are made into one mouth by `lipmetrics.decode`. The
-canvas follows the mouth, small steps by a part only: a still face gives a still measurement.
+Two stages of one kind of classifier (`lipmetrics.forest`), trained on drawn and simulated mouths and on nothing else:
+a coarse one that says where the lips are, and a fine one that sees the coarse answer and the colours relative to this
+person's lips and skin. Their answers are made into one mouth by `lipmetrics.decode`, and the borders of its openings
+are placed exactly by a third, `lipmetrics.border`. The canvas follows the mouth, small steps by a part only: a still
+face gives a still measurement.
 """
 
 from __future__ import annotations

@@ -120,7 +120,7 @@ def test_a_canvas_without_a_mouth_passes_through_both_stages(coarse):
     for name, example in (("wide", train.coarse_example), ("fine", partial(train.fine_example, coarse))):
         empty = replace(train.SETS[name], empty=1.0)
         questions = train.random_questions(train.FINE_STAGE if name == "fine" else train.COARSE_STAGE, _rng())
-        answers, shares = train.read_pixels(example, questions, None, (empty, 0))
+        answers, shares, _ = train.read_pixels(example, questions, None, (empty, 0))
         assert answers.shape == (len(questions.single), train.PIXELS)
         assert answers.std() > 0
         assert shares.shape == (train.PIXELS, 3) and not shares.any()
@@ -139,7 +139,7 @@ def test_two_thirds_of_the_pixels_are_on_the_lips_or_around_them():
 def test_the_same_canvas_is_drawn_every_time_and_another_for_every_number():
     questions = train.random_questions(train.COARSE_STAGE, _rng())
     read = partial(train.read_pixels, train.coarse_example, questions, None)
-    (first, _), (again, _), (other, _) = (read((train.SETS["tight"], i)) for i in (4, 4, 5))
+    (first, *_), (again, *_), (other, *_) = (read((train.SETS["tight"], i)) for i in (4, 4, 5))
     np.testing.assert_array_equal(first, again)
     assert (first != other).mean() > 0.5
 
@@ -267,11 +267,42 @@ def test_the_same_seed_gives_the_same_forest_whatever_the_threads():
 def test_the_same_seed_gives_the_same_file_whatever_the_processes(tmp_path, monkeypatch):
     monkeypatch.setattr(train, "COARSE_STAGE", replace(train.COARSE_STAGE, **TINY))
     monkeypatch.setattr(train, "FINE_STAGE", replace(train.FINE_STAGE, **TINY))
+    monkeypatch.setattr(train, "MIXED_STAGE", replace(train.MIXED_STAGE, **TINY))
     for processes in ("1", "2"):
         out = str(tmp_path / f"{processes}.npz")
         monkeypatch.setattr(sys, "argv", ["train_lips.py", "-o", out, "--scale", "0.002", "--processes", processes])
         train.main()
     assert (tmp_path / "1.npz").read_bytes() == (tmp_path / "2.npz").read_bytes()
+
+
+# --- borders
+
+
+def test_true_borders_are_where_the_shares_of_a_column_add_up_to():
+    column = np.zeros((40, 3), np.float32)
+    column[10:20, 0] = 1
+    column[9, 0], column[20, 0] = 0.25, 0.5  # from 9.25 to 20 in px centres
+    column[5:8, 1], column[15:18, 1] = 1, 0.9  # two openings: the one that was found counts
+    upper, lower = train.true_borders(column, np.array([11.0, 14.0, 10.0]), np.array([18.0, 19.0, 12.0]))
+    np.testing.assert_allclose(upper[:2], [9.25, 14.6], atol=1e-6)
+    np.testing.assert_allclose(lower[:2], [20.0, 17.3], atol=1e-6)
+    assert np.isnan(upper[2]) and np.isnan(lower[2])
+
+
+@pytest.mark.slow
+def test_the_border_stage_learns_how_far_off_the_borders_are(coarse, capsys):
+    fine = train.train_stage(replace(train.FINE_STAGE, **TINY), partial(train.fine_example, coarse), scale=0.003)
+    borders = train.train_borders(partial(train.border_example, coarse, fine), scale=0.01)
+    assert borders.leaves.shape[2] == 1 and np.isfinite(borders.leaves).all()
+    off, left = [], []
+    for i in range(12):
+        rng = np.random.default_rng([train.SEED, 4, UNSEEN + i])
+        for maps, share in train.border_example(coarse, fine, train.SETS["border"], rng):
+            known = np.isfinite(share)
+            answer = 1 / (1 + np.exp(-log_odds(borders, maps, PAD, (0, 1), (0, len(share)))[0, 0]))
+            off += np.abs(share - 0.5)[known].tolist()
+            left += np.abs(share - answer)[known].tolist()
+    assert np.mean(left) < 0.95 * np.mean(off)
 
 
 # --- command line
