@@ -1,11 +1,9 @@
-"""How fast and how accurate the simulated mouth is. Prints the mouth's tables of RESULTS.md and its figure.
+"""How fast the simulated mouth is. Prints the mouth's tables of RESULTS.md.
 
     python benchmarks/mouth.py --write                     # all tables, then the section of RESULTS.md
     python benchmarks/mouth.py --part solve truth          # some of them; --help lists all
 
 - solve: a second of slow_open against the thesis's 28 s and 354 s on a graphics card, and where the time goes;
-- error: run time against the error of the opening's profile, over mesh, time step and precision, and the figure
-  docs/figures/mouth_error.png; every built-in scene at half the time step;
 - render, truth: pictures and truths per second;
 - pool: what gathering of the saliva in the corners does to the opening.
 
@@ -29,6 +27,8 @@ import numpy as np
 import pandas as pd
 from numba import njit
 from results import machine, markdown, write_section
+from timing import in_turn_s
+from tradeoffs_simulator import solved
 
 from simulator import film, kernels, symmetry, timestep
 from simulator.camera import Camera
@@ -37,61 +37,16 @@ from simulator.model import Model
 from simulator.motion import Motion
 from simulator.mouth import Mouth
 from simulator.render import render
-from simulator.scene import Scene, load_scene, scene_names
+from simulator.scene import Scene, load_scene
 from simulator.simd import LANES
 from simulator.simulate import simulate
 from simulator.solver import SAFETY, _Run
 from simulator.threads import ThreadChoice
-from simulator.truth import Truth, truth
+from simulator.truth import truth
 from simulator.video import write_video
 
-FIGURE = findings.FIGURES / "mouth_error.png"
 THESIS_S = {"medium": 28.0, "high": 354.0}  # 1 s of slow_open on a graphics card, meshes of 3,414 and 13,680 elements
 MESHES = ("low", "medium", "high")
-SIZES = ("width_mw", "height_mw", "area_mw2")
-ERROR_SCENES = (("slow_open", 0.0), ("slow_open", 7.0), ("slow_open", 10.0), ("p", 7.0))
-DEFAULT = "medium, mixed, safety 0.9, half"
-# What is compared: name -> mesh, and settings of the solver that are not the usual ones.
-CASES: dict[str, tuple[str, dict[str, object]]] = {
-    "low, mixed, safety 0.9, half": ("low", {}),
-    DEFAULT: ("medium", {}),
-    "high, mixed, safety 0.9, half": ("high", {}),
-    "medium, safety 0.6": ("medium", {"safety": 0.6}),
-    "medium, safety 0.45": ("medium", {"safety": 0.45}),
-    "medium, float32": ("medium", {"precision": "float32"}),
-    "medium, float64": ("medium", {"precision": "float64"}),
-    "medium, whole": ("medium", {"symmetric": False}),
-    "medium, mass x 4": ("medium", {"mass_scaling": 4.0}),
-    "medium, mass x 16": ("medium", {"mass_scaling": 16.0}),
-}
-EXACT = {"precision": "float64", "safety": SAFETY / 2}
-
-
-def solved(scene: Scene) -> tuple[Mouth, Motion, float]:
-    """The mouth of a scene, its motion, and the processor time of solving it on one thread, the mesh left out, s."""
-    parts = scene.model()
-    start = time.thread_time()
-    motion = simulate(scene, parts=parts, threads=1)
-    taken = time.thread_time() - start
-    if motion.stopped:
-        raise RuntimeError(f"{scene.name}: {motion.stopped}")
-    return parts[0], motion, taken
-
-
-def with_solver(scene: Scene, **settings: object) -> Scene:
-    """A scene solved in another way."""
-    return dataclasses.replace(scene, solve=dataclasses.replace(scene.solve, **settings))
-
-
-def in_turn_s(works: dict[str, Callable[[], object]], repeats: int) -> dict[str, np.ndarray]:
-    """(repeats, 2) times of each work, s, on the wall and of the processor with all threads; works taken in turn."""
-    taken: dict[str, list[tuple[float, float]]] = {name: [] for name in works}
-    for _ in range(repeats):
-        for name, work in works.items():
-            wall, own = time.perf_counter(), time.process_time()
-            work()
-            taken[name].append((time.perf_counter() - wall, time.process_time() - own))
-    return {name: np.array(times) for name, times in taken.items()}
 
 
 # -- solve ------------------------------------------------------------------------------------------------------------
@@ -283,125 +238,6 @@ def _to_the_end(run: _Run) -> None:
         run.advance(choice, None)
 
 
-# -- error ------------------------------------------------------------------------------------------------------------
-
-
-@lru_cache(maxsize=64)
-def _measured(name: str, level: float | None, mesh: str, changes: tuple, repeats: int = 1) -> tuple[Truth, float, int]:
-    """The truth of a scene solved in some way, the best time of solving it, s, and the steps."""
-    scene = with_solver(findings.scene(name, level, mesh), **dict(changes))
-    taken = []
-    for _ in range(repeats):
-        mouth, motion, seconds = solved(scene)
-        taken.append(seconds)
-    return truth(motion, mouth, scene.camera, scene.frame_times_s), min(taken), motion.steps
-
-
-def differences(one: Truth, other: Truth) -> dict[str, np.ndarray]:
-    """Size -> (F,) absolute differences of two profiles, % of the mouth width (of its square for the area)."""
-    return {size: 100 * np.abs(findings.profile(one, size) - findings.profile(other, size)) for size in SIZES}
-
-
-def summed_up(errors: np.ndarray) -> str:
-    """Mean, 95th percentile and largest of (F,) errors."""
-    return f"{errors.mean():.2f} / {np.percentile(errors, 95):.2f} / {errors.max():.2f}"
-
-
-def worst_mean(found: dict[str, np.ndarray]) -> float:
-    """The largest of the three profiles' mean errors."""
-    return float(max(errors.mean() for errors in found.values()))
-
-
-def error_tables(repeats: int) -> str:
-    """Run time against error, a table for each scene; and the figure."""
-    text, points = "", {}
-    for name, level in ERROR_SCENES:
-        best = _measured(name, level, "high", tuple(EXACT.items()))[0]
-        rows = {}
-        for case, (mesh, changes) in CASES.items():
-            _measured(name, level, mesh, tuple(changes.items()))  # compiled
-            found, seconds, steps = _measured(name, level, mesh, tuple(changes.items()), repeats)
-            own = _measured(name, level, mesh, tuple(EXACT.items()))[0]
-            against, stepping = differences(found, best), differences(found, own)
-            rows[case] = {"processor time, s": seconds, "steps": steps}
-            rows[case] |= {f"{size.split('_')[0]}, all": summed_up(errors) for size, errors in against.items()}
-            rows[case] |= {f"{size.split('_')[0]}, stepping": summed_up(errors) for size, errors in stepping.items()}
-            points.setdefault(f"{name} {level:g}", {})[case] = seconds, worst_mean(against), worst_mean(stepping)
-        table = pd.DataFrame(rows).T
-        table.index.name = f"{name}, level {level:g}"
-        text += markdown(table) + "\n"
-    _error_figure(points)
-    return (
-        "Run time against error: mean / 95th percentile / largest difference over the frames, in % of the mouth width "
-        '(area: of its square). "All" is against the high mesh in float64 with half the step, "stepping" against the '
-        "same mesh in float64 with half the step, so that only the error of time stepping and rounding is left. The "
-        "width moves in whole saliva elements, and a frame in which one breaks earlier stands out by all of it.\n\n"
-        + text
-    )
-
-
-LEAST = 1e-3  # %, of what the figure shows
-
-
-def _error_figure(points: dict[str, dict[str, tuple[float, float, float]]]) -> None:
-    from matplotlib.figure import Figure
-
-    rows = (len(points) + 1) // 2
-    figure = Figure(figsize=(12, 0.6 + 4.6 * rows), layout="constrained")
-    axes = figure.subplots(rows, 2, squeeze=False, sharey=True)
-    for one, (scene, cases) in zip(axes.ravel(), points.items(), strict=False):
-        for number, (case, (seconds, error, stepping)) in enumerate(sorted(cases.items(), key=lambda item: item[1])):
-            chosen = case == DEFAULT
-            colour, size = ("tab:red", 9) if chosen else ("black", 5)
-            ends = max(error, LEAST), max(stepping, LEAST)
-            one.plot([seconds] * 2, ends, color="lightgrey", linewidth=1, zorder=1)
-            one.plot(seconds, ends[0], "o", color=colour, markersize=size)
-            one.plot(seconds, ends[1], "o", mfc="white", color=colour, markersize=size)
-            one.annotate(
-                case.removesuffix(", mixed, safety 0.9, half").removeprefix("medium, "), (seconds, ends[1]),
-                (6, -4) if number % 2 else (6, 4), textcoords="offset points", fontsize=8, color=colour,
-                rotation=-35 if number % 2 else 35, rotation_mode="anchor", va="top" if number % 2 else "bottom",
-            )  # fmt: skip
-        one.set_xscale("log")
-        one.set_yscale("log")
-        low, high = (limit(seconds for seconds, _, _ in cases.values()) for limit in (min, max))
-        one.set_xlim(low / 1.3, high * 1.6)
-        ticks = [tick for tick in (0.1, 0.2, 0.5, 1, 2, 5, 10, 20) if low / 1.3 < tick < high * 1.6]
-        one.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
-        one.set_ylim(LEAST / 3, 20)
-        decades = [0.001, 0.01, 0.1, 1, 10]
-        one.set_yticks(decades, [f"up to {LEAST:g}", *(f"{tick:g}" for tick in decades[1:])])
-        one.minorticks_off()
-        one.axhline(1, color="tab:green", linewidth=0.8, linestyle="--")
-        one.set_title(scene.replace(" ", ", level "), fontsize=10)
-        one.set_xlabel("solved in, s (processor time, 1 thread)")
-    for one in axes[:, 0]:
-        one.set_ylabel("mean difference of the profile, % of the mouth width")
-    handles = [
-        axes[0, 0].plot([], [], "ko", label="against the high mesh, float64, half the step")[0],
-        axes[0, 0].plot([], [], "ko", mfc="white", label="against the same mesh, float64, half the step")[0],
-        axes[0, 0].plot([], [], "o", color="tab:red", label="default: medium, mixed, safety 0.9, half")[0],
-    ]
-    figure.legend(handles=handles, loc="outside upper center", ncols=3, frameon=False, fontsize=9)
-    FIGURE.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(FIGURE, dpi=100)
-
-
-def half_step_table(mesh: str = "low") -> str:
-    """Every built-in scene at half the time step."""
-    rows = {}
-    for name in scene_names():
-        usual, _, steps = _measured(name, None, mesh, ())
-        finer, _, more_steps = _measured(name, None, mesh, (("safety", SAFETY / 2),))
-        found = differences(usual, finer)
-        rows[name] = {"steps": steps, "at half the step": more_steps}
-        rows[name] |= {size.split("_")[0]: summed_up(errors) for size, errors in found.items()}
-        rows[name]["frames above 1 %"] = f"{np.any([e > 1 for e in found.values()], axis=0).mean():.0%}"
-    table = pd.DataFrame(rows).T
-    table.index.name = f"{mesh} mesh, mean / 95th percentile / largest difference, % of the mouth width"
-    return "Every built-in scene against itself at half the time step.\n\n" + markdown(table)
-
-
 # -- render and truth -------------------------------------------------------------------------------------------------
 
 
@@ -553,7 +389,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parts: dict[str, Callable[[int], str]] = {
         "solve": lambda n: "\n".join([speed_table(max(n, 5)), share_table(), passes_table(30)]),
-        "error": lambda n: error_tables(n) + half_step_table(),
         "render": render_tables,
         "truth": truth_table,
         "pool": lambda n: pool_table(),

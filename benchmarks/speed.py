@@ -5,8 +5,7 @@
 - find and measure: time of finding the mouth in a decoded frame and measuring its openings, conversion to RGB included,
   decoding not; median over the frames after the first, and the first frame by itself;
 - measure against decoding: ``lipmetrics.measure`` of a whole 1080p file over reading every frame of it with PyAV and
-  doing nothing with them, the two in turn, as the ratio of medians;
-- settings: run time against error, from which the defaults are chosen.
+  doing nothing with them, the two in turn, as the ratio of medians.
 
 The process is bound to one core, so that no library helps itself to more, and times are this core's time spent on it,
 which other work on the machine disturbs least. Ratios within a run mean more than times.
@@ -15,55 +14,28 @@ which other work on the machine disturbs least. Ratios within a run mean more th
 from __future__ import annotations
 
 import argparse
-import dataclasses
-import os
-import statistics
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
 from fractions import Fraction
 from pathlib import Path
 
-import accuracy
 import av
 import cv2
 import numpy as np
 import pandas as pd
 import reference
 from results import markdown, write_section
+from timing import in_turn_s, one_core
 
 from lipmetrics.detect import make_detector
 from lipmetrics.frames import open_frames
-from lipmetrics.look import Look
 from lipmetrics.openings import measure_outline
 from lipmetrics.pipeline import measure
 
 SMALL_CLIPS = ("grid_bbaf2n", "grid_lbax4n", "grid_sbia1a")  # 360 x 288 as they are
 LARGE_CLIP, LARGE_CLIP_S = "st_aoc", 8  # 512 x 512, 25 frames per s; enlarged to 1080p
 REPEATS = 3
-
-# Settings to compare, by method: name -> (changes to the method's own settings, measure every n-th frame).
-AS_IT_COMES = {"as it comes": ({}, 1), "every 2nd frame": ({}, 2), "every 3rd frame": ({}, 3)}
-VARIANTS: dict[str, dict[str, tuple[dict[str, object], int]]] = {
-    "default": AS_IT_COMES
-    | {f"keeps {steady:g} of the frame before": ({"steady": steady}, 1) for steady in (0.0, 0.8)}
-    | {f"open above evidence {least:g}": ({"sure_above": least}, 1) for least in (5.0, 20.0)}
-    | {f"leans by {lean:g} towards open": ({"lean": lean}, 1) for lean in (0.0, 0.8)}
-    | {f"canvas follows half of {far:g} mw": ({"move_mw": far}, 1) for far in (0.03, 0.12)},
-    "thesis": AS_IT_COMES
-    | {f"median filter of {size} px": ({"median_px": size}, 1) for size in (1, 3, 9)}
-    | {f"correlated by {name!r}": ({"correlation": name}, 1) for name in ("and", "mean")},
-}
-VARIANT_CLIPS = ("lp_d0", "lp_d18", "lia_driving2", "grid_pwij3p", "sty_vscode", "vox_00473")
-VARIANT_S = 2  # of each clip are timed with changed settings
-
-
-def one_core() -> None:
-    """Keep this process, with every thread it will start, on one core."""
-    cv2.setNumThreads(1)
-    if hasattr(os, "sched_setaffinity"):
-        os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
 
 
 def enlarge(source: Path, target: Path, height: int = 1080, width: int = 1920, rate: int = 25) -> None:
@@ -83,13 +55,11 @@ def enlarge(source: Path, target: Path, height: int = 1080, width: int = 1920, r
         new.mux(stream.encode(None))
 
 
-def frame_times_ms(
-    path: Path, method: str, settings: object = None, every: int = 1, stop_s: float | None = None
-) -> np.ndarray:
-    """Time of finding and measuring in every n-th frame of a clip, decoding left out, ms."""
+def frame_times_ms(path: Path, method: str) -> np.ndarray:
+    """Time of finding and measuring in every frame of a clip, decoding left out, ms."""
     times = []
-    with open_frames(path, every=every, stop_s=stop_s) as frames:
-        detector = make_detector(method, settings, frames.info)
+    with open_frames(path) as frames:
+        detector = make_detector(method, None, frames.info)
         for frame in frames:
             began = time.thread_time()
             for outline in detector.look(frame).outlines:
@@ -104,17 +74,6 @@ def decode(path: Path) -> None:
         container.streams.video[0].thread_type = "AUTO"
         for _ in container.decode(video=0):
             pass
-
-
-def in_turn_s(works: dict[str, Callable[[], object]], repeats: int = REPEATS) -> dict[str, float]:
-    """Median time of each work, s; they are taken in turn so that a slow spell of the machine hits them all."""
-    times = {name: [] for name in works}
-    for _ in range(repeats):
-        for name, work in works.items():
-            began = time.process_time()
-            work()
-            times[name].append(time.process_time() - began)
-    return {name: statistics.median(each) for name, each in times.items()}
 
 
 def find_and_measure(methods: list[str], clips: dict[str, list[Path]]) -> pd.DataFrame:
@@ -144,80 +103,16 @@ def measure_against_decoding(methods: list[str], path: Path) -> pd.DataFrame:
 
     works = {"decoding (PyAV)": lambda: decode(path), "reading (lipmetrics)": read}
     works |= {f"measure, {method}": lambda method=method: measure(path, method=method) for method in methods}
-    times = in_turn_s(works)
+    times = {name: float(np.median(each[:, 1])) for name, each in in_turn_s(works, REPEATS).items()}
     base = times["decoding (PyAV)"]
     return pd.DataFrame(
         {"s": times, "times decoding": {name: each / base for name, each in times.items()}}
     ).rename_axis("1080p clip")
 
 
-def settings_table(method: str, clips: dict[str, list[Path]]) -> pd.DataFrame:
-    """Run time against error over the method's VARIANTS, on the part for tuning."""
-    with open_frames(clips["360x288"][0]) as frames:
-        own = make_detector(method, None, frames.info).settings
-    rows = {}
-    for name, (changes, every) in VARIANTS.get(method, AS_IT_COMES).items():
-        settings = dataclasses.replace(own, **changes)
-        rows[name] = _cost(method, settings, every, clips) | _error(method, settings, every)
-    return pd.DataFrame(rows).T.rename_axis("settings")
-
-
-def _cost(method: str, settings: object, every: int, clips: dict[str, list[Path]]) -> dict[str, float]:
-    def later_ms(path: Path) -> float:
-        return float(np.median(frame_times_ms(path, method, settings, every, VARIANT_S)[1:])) / every
-
-    return {f"{size}, ms per frame of the clip": np.median([later_ms(path) for path in clips[size]]) for size in clips}
-
-
-def _error(method: str, settings: object, every: int) -> dict[str, float]:
-    stills = accuracy.table(accuracy.evaluate_stills(accuracy.still_looks(method, settings), "tune"))
-    frames = accuracy.evaluate_videos(every_nth_look(method, settings, every), "tune", VARIANT_CLIPS)
-    video = accuracy.video_summary(accuracy.clip_scores(thin_out(frames, every)))
-    one = accuracy.summary(stills)
-    return {
-        "stills: IoU": one["iou_median"],
-        "stills: height error, %": one["height_error_pct"],
-        "stills: wrong open or closed": one["false_open"] + one["missed"],
-        "videos: correlation": video["correlation_median"],
-        "videos: agreement, %": video["agreement_pct"],
-        "videos: jitter where still, %": video["jitter_still_pct"],
-    }
-
-
-def every_nth_look(method: str, settings: object, every: int) -> Callable[[Path], Iterator[Look]]:
-    """A method that is shown every n-th frame of a clip only; its last word stands for the frames between."""
-
-    def looks_of(path: Path) -> Iterator[Look]:
-        with open_frames(path) as frames:
-            detector = make_detector(method, settings, frames.info)
-            for frame in frames:
-                if frame.index % every == 0:
-                    look = detector.look(frame)
-                yield look
-
-    return looks_of
-
-
-def thin_out(frames: pd.DataFrame, every: int) -> pd.DataFrame:
-    """The profile where only every n-th frame was measured: heights between are on straight lines."""
-    if every == 1:
-        return frames
-
-    def fill_in(rows: pd.DataFrame) -> pd.Series:
-        known = rows["height_px"].where(rows["frame"] % every == 0).notna()
-        if not known.any():
-            return rows["height_px"] * np.nan
-        heights = np.interp(rows["frame"], rows.loc[known, "frame"], rows.loc[known, "height_px"])
-        return pd.Series(heights, rows.index)
-
-    parts = [fill_in(rows) for _, rows in frames.groupby("clip", sort=False)]
-    return frames.assign(height_px=pd.concat(parts))
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--methods", nargs="+", default=["default", "thesis"])
-    parser.add_argument("--no-settings", action="store_true", help="leave the table of settings out")
     parser.add_argument("--write", action="store_true", help="put the tables into RESULTS.md")
     options = parser.parse_args()
     if reference.reference_folder() is None:
@@ -234,10 +129,6 @@ def main() -> None:
         rate = 8 * large.stat().st_size / 1e6 / LARGE_CLIP_S
         text += f"\n### The whole of `measure` against decoding ({LARGE_CLIP_S} s of 1080p at {rate:.1f} Mbit/s)\n\n"
         text += markdown(measure_against_decoding(options.methods, large))
-        if not options.no_settings:
-            for method in options.methods:
-                text += f"\n### Settings of {method}: run time against error\n\n"
-                text += markdown(settings_table(method, clips), 3)
     print(text)
     if options.write:
         write_section("speed", text)

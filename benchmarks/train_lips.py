@@ -1,16 +1,17 @@
-"""Train the pixel classifiers of the default method on drawn and simulated mouths, and on nothing else.
+"""Train the pixel classifiers of the default method on drawn mouths, or on drawn and simulated ones.
 
-    python benchmarks/train_lips.py --album album                # writes lipmetrics/data/lips.npz
-    python benchmarks/train_lips.py --album album --scale 0.05 -o try.npz     # a quick try on a twentieth of them
+    python benchmarks/train_lips.py                              # writes lipmetrics/data/lips.npz
+    python benchmarks/train_lips.py --scale 0.05 -o try.npz      # a quick try on a twentieth of the canvases
+    python benchmarks/train_lips.py --album album -o with.npz    # also on simulated pictures, kept in a folder
 
-Every canvas has its own seed. It is drawn (`lipmetrics.artificial`) or cut out of a simulated picture
+Every canvas has its own seed. It is drawn (`lipmetrics.artificial`), or cut out of a simulated picture
 (`simulated_canvases`), and gives PIXELS pixels, each with the numbers to
 learn: its share of mouth (lips and opening), of opening and, in the coarse stage, of lower lip. The pixels answer a
 pool of random questions, differences of two map values; the answers are kept as bins of one byte. Trees are added one
 at a time, each a Newton step on the log loss (Friedman 2001, Annals of Statistics 29; split gain as in Chen and
 Guestrin 2016, KDD), and all nodes of a level ask the same question (oblivious trees: Kohavi 1994, ECML). The fine
-forest is trained on what it will see in use: the finished coarse forest's answers to canvases new to that forest. The
-border forest (`lipmetrics.border`) learns, on canvases new to both, how far off the decoded borders are.
+forest is trained on what it will see in use: the finished coarse forest's answers to canvases new to that forest. With
+an album a third forest, for the borders (`lipmetrics.border`), learns on canvases new to both how far these are off.
 
 The same SEED gives the same forests on the same machine, whatever the number of processes.
 """
@@ -21,11 +22,10 @@ import argparse
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import cv2
 import numba as nb
@@ -68,16 +68,24 @@ class CanvasSet:
 
 FAR_MW = 1.4
 DRAWN = (CANVAS[0] * 3 // 4, CANVAS[1] * 3 // 4)  # coarse canvases are drawn larger and averaged down, as in use
+SIMULATED = 0.25  # with an album; the coarse forest, which only finds the mouth, is trained on drawings alone
 SETS = {
     # a mouth that is being followed, one frame later
     "tight": CanvasSet(1, 9000, DRAWN, resize=0.13, move_mw=0.07, turn_rad=0.13, closed=0.25),
     # places the search tries: a mouth of the wrong size, half of one, none
     "wide": CanvasSet(2, 9000, DRAWN, resize=0.4, move_mw=0.3, turn_rad=0.2, closed=0.25, far=0.2, empty=0.12),
     # the canvas as it lies when the mouth is measured
-    "fine": CanvasSet(3, 13000, CANVAS, resize=0.07, move_mw=0.04, turn_rad=0.06, closed=0.3, far=0.05, empty=0.04),
-    # the same, many of them simulated: what the last trees of the fine forest learn from
-    "mixed": CanvasSet(
-        5, 4000, CANVAS, resize=0.07, move_mw=0.04, turn_rad=0.06, closed=0.3, simulated=0.5, far=0.05, empty=0.04
+    "fine": CanvasSet(
+        3,
+        13000,
+        CANVAS,
+        resize=0.07,
+        move_mw=0.04,
+        turn_rad=0.06,
+        closed=0.3,
+        simulated=SIMULATED,
+        far=0.05,
+        empty=0.04,
     ),
     # the same, open and new to the other forests
     "border": CanvasSet(4, 1200, CANVAS, resize=0.07, move_mw=0.04, turn_rad=0.06, closed=0.1, simulated=0.5),
@@ -124,7 +132,7 @@ FINE_STAGE = Stage(
     sets=("fine",),
     maps=FINE_COUNT,
     outputs=3,  # the lower lip tells an opening from a shadow under the lip
-    trees=55,  # and those of MIXED_STAGE: 60 instead of 80 are +4 %, and every frame goes through them
+    trees=80,  # 60: +4 %, and every frame goes through them
     depth=8,  # 6: +3 %
     rate=0.4,  # 0.15: +10 %, 0.5: -5 %
     questions=1600,  # near and far ones; 1.3 GB for all pixels
@@ -132,7 +140,6 @@ FINE_STAGE = Stage(
     spread_px=5.0,  # half of the height of a lip on this canvas
     nearby=0.4,  # the border of an opening is told by the pixels at both sides of it
 )
-MIXED_STAGE = replace(FINE_STAGE, name="mixed", sets=("mixed",), trees=25)  # they go on from the fine forest
 BORDER_STAGE = Stage(
     name="border",
     sets=("border",),
@@ -339,35 +346,25 @@ def ask(questions: Questions, maps: np.ndarray, rows: np.ndarray, cols: np.ndarr
     return answers
 
 
-def read_pixels(
-    example: Example,
-    questions: Questions,
-    edges: np.ndarray | None,
-    task: tuple[CanvasSet, int],
-    base: Forest | None = None,
-):
-    """Draw a canvas: answers of its pixels (F, PIXELS), as bins where edges are given, their shares (PIXELS, 3), and
-    the log-odds (PIXELS, 3) that a base forest gives them, 0 without one."""
+def read_pixels(example: Example, questions: Questions, edges: np.ndarray | None, task: tuple[CanvasSet, int]):
+    """Draw a canvas: answers of its pixels (F, PIXELS), as bins where edges are given, and their shares (PIXELS, 3)."""
     kind, index = task
     rng = np.random.default_rng([SEED, kind.number, index])
     maps, shares = example(kind, rng)
     rows, cols = choose_pixels(shares[LIP], rng)
     answers = ask(questions, maps, rows, cols)
-    odds = np.zeros_like(shares)
-    if base is not None:
-        odds[: base.bias.size] = log_odds(base, maps, PAD, (0, shares.shape[1]), (0, shares.shape[2]))
-    return answers if edges is None else to_bins(answers, edges), shares[:, rows, cols].T, odds[:, rows, cols].T
+    return answers if edges is None else to_bins(answers, edges), shares[:, rows, cols].T
 
 
-def read_all(example, questions, edges, tasks, processes, base=None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """:func:`read_pixels` of all tasks in order, side by side: (F, N), (N, 3) and (N, 3)."""
+def read_all(example, questions, edges, tasks, processes) -> tuple[np.ndarray, np.ndarray]:
+    """:func:`read_pixels` of all tasks in order, side by side: (F, N) and (N, 3)."""
     answers = np.empty((len(questions.single), PIXELS * len(tasks)), np.int16 if edges is None else np.uint8)
-    shares, odds = np.empty((2, PIXELS * len(tasks), len(SHARES)), np.float32)
-    done = _spread(partial(read_pixels, example, questions, edges, base=base), tasks, processes)
-    for n, (some, their_shares, their_odds) in enumerate(done):
+    shares = np.empty((PIXELS * len(tasks), len(SHARES)), np.float32)
+    done = _spread(partial(read_pixels, example, questions, edges), tasks, processes)
+    for n, (some, their_shares) in enumerate(done):
         here = slice(n * PIXELS, (n + 1) * PIXELS)
-        answers[:, here], shares[here], odds[here] = some, their_shares, their_odds
-    return answers, shares, odds
+        answers[:, here], shares[here] = some, their_shares
+    return answers, shares
 
 
 def _spread(work: Callable, tasks: list, processes: int) -> Iterator:
@@ -445,20 +442,16 @@ def grow(
     shares: np.ndarray,
     rng: np.random.Generator,
     threads: int = 1,
-    start: np.ndarray | None = None,
 ) -> Forest:
     """Boost a forest on N pixels; prints the log loss of the outputs every 10 trees.
 
-    edges : (F, BINS - 1); bins : (F, N) uint8 from :func:`to_bins`; shares : (N, K) float32, 0 to 1; start : (N, K)
-    log-odds that the trees add to, those of the mean by default
+    edges : (F, BINS - 1); bins : (F, N) uint8 from :func:`to_bins`; shares : (N, K) float32, 0 to 1
     """
     began = time.perf_counter()
     pixels, outputs = shares.shape
     mean = np.clip(shares.mean(axis=0, dtype=float), 1e-3, 1 - 1e-3)
     bias = np.log(mean / (1 - mean)).astype(np.float32)
-    if start is not None:
-        bias = np.zeros_like(bias)
-    odds = np.tile(bias, (pixels, 1)) if start is None else start.copy()
+    odds = np.tile(bias, (pixels, 1))
     parts = np.zeros((stage.trees, stage.depth, 6), np.int32)
     single = np.zeros((stage.trees, stage.depth), bool)
     leaves = np.zeros((stage.trees, 1 << stage.depth, outputs), np.float32)
@@ -494,30 +487,16 @@ def log_loss(odds: np.ndarray, shares: np.ndarray) -> np.ndarray:
     return (np.logaddexp(0, odds) - shares * odds).mean(axis=0, dtype=float)
 
 
-def train_stage(
-    stage: Stage, example: Example, scale: float = 1.0, processes: int = 1, base: Forest | None = None
-) -> Forest:
-    """Draw the stage's canvases, `scale` times as many as its sets say, and grow its forest, or a base forest on."""
+def train_stage(stage: Stage, example: Example, scale: float = 1.0, processes: int = 1) -> Forest:
+    """Draw the stage's canvases, `scale` times as many as its sets say, and grow its forest."""
     rng = np.random.default_rng([SEED, *stage.name.encode()])
     tasks = [(SETS[name], i) for name in stage.sets for i in range(max(1, round(scale * SETS[name].count)))]
     questions = random_questions(stage, rng)
     some = tasks[:: max(1, len(tasks) // EDGE_CANVASES)]
     edges = bin_edges(read_all(example, questions, None, some, processes)[0])
-    bins, shares, odds = read_all(example, questions, edges, tasks, processes, base)
+    bins, shares = read_all(example, questions, edges, tasks, processes)
     print(f"{stage.name}: {len(tasks)} canvases, {len(shares)} pixels", flush=True)
-    shares, odds = shares[:, : stage.outputs], odds[:, : stage.outputs]
-    grown = grow(stage, questions, edges, bins, shares, rng, processes, None if base is None else odds)
-    return grown if base is None else more_trees(base, grown)
-
-
-def more_trees(base: Forest, grown: Forest) -> Forest:
-    """The trees of both."""
-    both = (np.concatenate(pair) for pair in zip(_parts(base), _parts(grown), strict=True))
-    return Forest(*both, base.bias + grown.bias)
-
-
-def _parts(forest: Forest) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    return forest.questions, forest.single, forest.leaves
+    return grow(stage, questions, edges, bins, shares[:, : stage.outputs], rng, processes)
 
 
 def read_borders(example, questions: Questions, task: tuple[CanvasSet, int]) -> tuple[np.ndarray, np.ndarray]:
@@ -556,25 +535,26 @@ def main() -> None:
     parser.add_argument("-o", "--output", type=Path, help=f"file to write, default {WRITTEN_TO}")
     parser.add_argument("--scale", type=float, default=1.0, help="draw this many times as many canvases")
     parser.add_argument("--processes", type=int, default=2, help="on so many cores; the result is the same")
-    parser.add_argument("--album", type=Path, help="keep the simulated pictures here; drawn once, in some minutes")
+    parser.add_argument("--album", type=Path, help="also train on simulated pictures, kept in this folder; with -o")
     options = parser.parse_args()
     if options.processes < 1 or not 0 < options.scale <= 1:
         parser.error("expected --processes of at least 1 and --scale above 0 and up to 1")
+    album, scale, processes = options.album, options.scale, options.processes
+    if album is not None and options.output is None:
+        parser.error("expected -o FILE with --album: these forests do not replace the package's own, see README.md")
     if options.scale < 1 and options.output is None:
         parser.error("expected -o FILE with --scale: a quick try does not replace the package's own forests")
 
-    with TemporaryDirectory() as folder:
-        album = options.album or Path(folder)
-        solve_motions(album, options.processes)
-        draw_pictures(album, options.processes)
-        coarse = train_stage(COARSE_STAGE, partial(coarse_example, album=album), options.scale, options.processes)
-        example = partial(fine_example, coarse, album=album)
-        fine = train_stage(FINE_STAGE, example, options.scale, options.processes)
-        fine = train_stage(MIXED_STAGE, example, options.scale, options.processes, base=fine)
-        example = partial(border_example, coarse, fine, album=album)
-        borders = train_borders(example, options.scale, options.processes)
+    if album is not None:
+        solve_motions(album, processes)
+        draw_pictures(album, processes)
+    coarse = train_stage(COARSE_STAGE, partial(coarse_example, album=album), scale, processes)
+    fine = train_stage(FINE_STAGE, partial(fine_example, coarse, album=album), scale, processes)
+    forests = {"coarse": coarse, "fine": fine}
+    if album is not None:
+        forests["border"] = train_borders(partial(border_example, coarse, fine, album=album), scale, processes)
     with whole_file(options.output or WRITTEN_TO) as part, part.open("wb") as file:
-        save_forests(file, {"coarse": coarse, "fine": fine, "border": borders})
+        save_forests(file, forests)
 
 
 if __name__ == "__main__":

@@ -123,28 +123,27 @@ def run(folder: Path) -> None:
 
 def write(folder: Path) -> None:
     """Write the section of RESULTS.md, the tables and figures of docs/ from the reports in a folder."""
-    summaries = {}
-    for method in METHODS:
-        place = folder if method == "default" else folder / method
-        summaries[method] = json.loads((place / "summary.json").read_text(encoding="utf-8"))
-    conditions, frames = (pd.read_csv(folder / f"{name}.csv") for name in ("conditions", "frames"))
-    of_thesis = pd.read_csv(folder / "thesis" / "conditions.csv")
-    conditions["thesis"] = conditions["condition"].map(of_thesis.set_index("condition")["iou_median"])
+    places = {"default": folder} | {method: folder / method for method in METHODS[1:]}
+    places = {method: place for method, place in places.items() if (place / "summary.json").exists()}
+    summaries = {m: json.loads((place / "summary.json").read_text(encoding="utf-8")) for m, place in places.items()}
+    tables = {m: pd.read_csv(place / "conditions.csv") for m, place in places.items()}
+    conditions, frames = tables["default"], pd.read_csv(folder / "frames.csv")
+    columns = dict(SHORT)
+    for method in [one for one in tables if one != "default"]:
+        conditions[method] = conditions["condition"].map(tables[method].set_index("condition")["iou_median"])
+        columns[method] = f"{method}'s IoU"
     usual = summaries["default"]
-    processors = usual.get("processor_seconds", float("nan"))
     by_height = by_class(frames, 100 * frames["true_height_px"] / frames["mouth_px"], HEIGHTS_PERCENT, "height, %")
     in_classes = {"frames": "frames"} | {n: t for n, t in SHORT.items() if not n.startswith(("onset", "jitter", "fal"))}
     confidence = pd.DataFrame(usual["confidence"])
-    columns = {"frames": "frames", "bad_percent": "bad frames %", "iou_median": "IoU"}
-    table = shown(conditions, "condition", SHORT | {"thesis": "thesis's IoU"})
-    counts = {m: pd.read_csv((folder if m == "default" else folder / m) / "conditions.csv") for m in METHODS}
-    numbers = {m: [str((rows["verdict"] == one).sum()) for one in VERDICTS] for m, rows in counts.items()}
+    of_confidence = {"frames": "frames", "bad_percent": "bad frames %", "iou_median": "IoU"}
+    table = shown(conditions, "condition", columns)
+    numbers = {m: [str((rows["verdict"] == one).sum()) for one in VERDICTS] for m, rows in tables.items()}
     trusted = ", ".join(f"{method} {' / '.join(of_method)}" for method, of_method in numbers.items())
     text = [
         "## The detector against the simulator",
         "",
-        f"`python benchmarks/validate.py --write`: {usual['clips']} clips, {usual['frames']} frames, "
-        f"{processors:.0f} s of processor time for the default method, the films included.",
+        f"`python benchmarks/validate.py --write`: {usual['clips']} clips, {usual['frames']} frames of part `report`.",
         "",
         goals(summaries),
         f"Conditions {' / '.join(VERDICTS)}: {trusted}.",
@@ -160,7 +159,7 @@ def write(folder: Path) -> None:
         shown(by_height, "height, %", in_classes),
         "By confidence:",
         "",
-        shown(confidence, "confidence", columns | {"height_percent_median": "height error %"}),
+        shown(confidence, "confidence", of_confidence | {"height_percent_median": "height error %"}),
     ]
     write_section("validate", "\n".join(text))
     page = PAGE.read_text(encoding="utf-8")

@@ -90,7 +90,7 @@ def main() -> None:
         videos = [folder / f"{clip_key(clip)}.mp4" for clip in there]
         columns = {"default": figures(ours)}
         for tool in TOOLS:
-            lines = lips_of(tool, arguments.python, videos)
+            lines = lips_of(tool, arguments.python, list(dict.fromkeys(videos)))  # the plain tone is a tone too
             if isinstance(lines, str):
                 print(lines)
                 continue

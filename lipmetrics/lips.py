@@ -1,10 +1,10 @@
 """The default method: find the mouth, lay a canvas over it, classify its pixels, decide what is open.
 
-Two stages of one kind of classifier (`lipmetrics.forest`), trained on drawn and simulated mouths and on nothing else:
-a coarse one that says where the lips are, and a fine one that sees the coarse answer and the colours relative to this
-person's lips and skin. Their answers are made into one mouth by `lipmetrics.decode`, and the borders of its openings
-are placed exactly by a third, `lipmetrics.border`. The canvas follows the mouth, small steps by a part only: a still
-face gives a still measurement.
+Two stages of one kind of classifier (`lipmetrics.forest`), trained on drawn mouths (`lipmetrics.artificial`) and
+on nothing else: a coarse one that says where the lips are, and a fine one that sees the coarse answer and the
+colours relative to this person's lips and skin. Their answers are made into one mouth by `lipmetrics.decode`; where
+there is a third forest, `lipmetrics.border` sharpens the borders. The canvas follows the mouth, small steps by a part
+only: a still face gives a still measurement.
 """
 
 from __future__ import annotations
@@ -93,9 +93,9 @@ class LipSettings:
 
 @lru_cache(maxsize=1)
 def forests():
-    """The coarse, the fine and the border forest that come with the package."""
+    """The coarse and the fine forest that come with the package, and that of the borders, None without one."""
     with resources.as_file(resources.files("lipmetrics") / "data" / "lips.npz") as file:
-        return load_forest(file, "coarse"), load_forest(file, "fine"), load_forest(file, "border")
+        return load_forest(file, "coarse"), load_forest(file, "fine"), load_forest(file, "border", optional=True)
 
 
 def shrunk(canvas: np.ndarray) -> np.ndarray:
@@ -407,7 +407,8 @@ class _Detector:
             return lost
         box, settings = self._box, self.settings
         score = mouth_score(odds[LIP], mouth)
-        sharpened = partial(border.moved, forests()[2], maps, odds, (region[0], region[2]))
+        borders = forests()[2]
+        sharpened = borders and partial(border.moved, borders, maps, odds, (region[0], region[2]))
         openings = mouth.openings(settings.switch, sharpened)
         openings = [each for each in openings if each.height >= settings.min_height_mw * ASPECT * MOUTH]
         needed = settings.sure_above

@@ -171,7 +171,7 @@ def _silent(conditions: pd.DataFrame) -> list[dict]:
     silent = worse.loc[worse["confidence_median"] >= worse["plain_confidence_median"], "condition"].tolist()
     shown = f"{len(worse) - len(silent)} of {len(worse)}" + (f"; not in {', '.join(silent)}" if silent else "")
     what = f"conditions with over {WORSE_PERCENT:g} % more bad frames than plain, in which confidence falls"
-    return [{"what": what, "goal": "all", "all": shown, MIX: "-", "met": not silent}]
+    return [{"what": what, "goal": "all", "all": shown, MIX: "-", "met": not silent if len(worse) else None}]
 
 
 def by_class(frames: pd.DataFrame, values: pd.Series, edges, name: str) -> pd.DataFrame:

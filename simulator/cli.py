@@ -38,6 +38,9 @@ PRECISIONS = ("float32", "mixed", "float64")
 RESOLUTIONS = ("low", "medium", "high")
 EXPORTS = ("obj", "pc2", "gltf", "vtu")
 MODELS_ONLY = ("vtu", "velocity")
+CORPUS_ONLY = ("repeats", "jobs", "quick", "anew")
+NO_CORPUS = ("face", "truth_only", "export", "vtu", "velocity", "resume", "threads")
+QUICK = {"resolution": "low", "frame_rate": 30.0, "size": (256, 256)}
 SCENES_ONLY = ("stickiness", "face", "resolution", "truth_only", "frame_rate", "size", "seed", "export")
 
 
@@ -81,6 +84,11 @@ def run(arguments: argparse.Namespace) -> int:
         return _list(arguments.json)
     if arguments.print is not None:
         return _print(arguments.print)
+    if arguments.corpus is not None:
+        return _run_corpus(arguments)
+    for name in CORPUS_ONLY:
+        if getattr(arguments, name):
+            raise InputError(f"expected --corpus N, a number of people, to go with --{name}, got none")
     jobs, failed = _jobs(arguments)
     missing = len(failed)
     for folder in dict.fromkeys(job.folder for job in jobs):
@@ -253,6 +261,47 @@ def _run_scene(job: _Job, arguments: argparse.Namespace) -> tuple[dict, int | No
             f"{motion.dt_s:.3g} s, {summary['seconds']:.3g} s -> {job.folder}{os.sep}{job.stem}.*"
         )
     return summary, signal_got
+
+
+def _run_corpus(arguments: argparse.Namespace) -> int:
+    """`--corpus N`: N people do all scenes at all levels."""
+    from simulator.corpus import LEVELS, SCENES, Corpus, make_corpus
+    from simulator.scene import load_scene
+
+    for name in NO_CORPUS:
+        if getattr(arguments, name):
+            raise InputError(f"expected no --{name.replace('_', '-')} with --corpus, got one; leave it out")
+    if arguments.out is None:
+        raise InputError("the following arguments are required: -o/--out, with --corpus")
+    if arguments.quick:
+        for name, value in QUICK.items():
+            if getattr(arguments, name) is None:
+                setattr(arguments, name, value)
+    for source in arguments.models:
+        if _is_model(source):
+            raise InputError(f"expected scenes to go with --corpus, got a model: {source}")
+    scenes = tuple(_with_choices(load_scene(source), arguments) for source in arguments.models or SCENES)
+    corpus = Corpus(
+        arguments.corpus,
+        scenes,
+        LEVELS if arguments.stickiness is None else arguments.stickiness,
+        arguments.repeats or 1,
+        arguments.seed or 0,
+    )
+    started = time.perf_counter()
+    made = make_corpus(corpus, arguments.out, jobs=arguments.jobs, progress=sys.stderr.isatty(), anew=arguments.anew)
+    for one in made["failed"]:
+        _complain(f"{one['source']}: {one['error']}")
+    seconds = round(time.perf_counter() - started, 3)
+    done_n = made["clips_n"] - len(made["failed"])
+    if arguments.json:
+        _say(json.dumps({"command": "simulate", **made, "seconds": seconds}, indent=2, ensure_ascii=False))
+    else:
+        _say(
+            f"{done_n} of {made['clips_n']} clips in {made['clips']}, {made['made_n']} made now, {seconds:.3g} s; "
+            f"their names: --template '{made['template']}'"
+        )
+    return DONE if not made["failed"] else SOME_FAILED if done_n else BAD_INPUT
 
 
 def _list(as_json: bool) -> int:
@@ -437,7 +486,8 @@ def _parser(prog: str) -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
         description="Make ground-truth clips of sticky mouths from scenes, or run models given in NiftySim's XML.\n"
         "Beside the video of a clip lie the exact openings of its every frame.",
-        epilog=f"example: {prog} slow_open --stickiness 7 -o clip\n         {prog} model.xml -o out --vtu",
+        epilog=f"example: {prog} slow_open --stickiness 7 -o clip\n         {prog} --corpus 5 -o corpus\n"
+        f"         {prog} model.xml -o out --vtu",
     )
     add_arguments(parser)
     return parser
@@ -477,6 +527,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--seed", type=_whole, metavar="N", help="of skin texture, teeth and noise; default: the scene's"
     )
     scenes.add_argument("--export", type=_exports, metavar="KIND[,KIND]", help=f"also write {choices(EXPORTS)}")
+    corpus = parser.add_argument_group("a corpus")
+    corpus.add_argument(
+        "--corpus",
+        type=_count,
+        metavar="N",
+        help="N people, each with a face, a skin and a light of their own, do all scenes at all levels; without scenes "
+        "and levels: the six actions of the study at 0, 4, 7, 10. What is there already is not made again",
+    )
+    corpus.add_argument("--repeats", type=_count, metavar="N", help="of each clip, with other noise; default: 1")
+    corpus.add_argument("--jobs", type=_count, metavar="N", help="processes; default: one for every core")
+    corpus.add_argument("--quick", action="store_true", help="low mesh, 256x256 at 30 per second, to try it out")
+    corpus.add_argument("--anew", action="store_true", help="make all clips again")
     parser = parser.add_argument_group("running")
     parser.add_argument("--vtu", action="store_true", help="models: also write the states for ParaView (.pvd, .vtu)")
     parser.add_argument("--dt", type=_time_step, metavar="S", help="time step, s, or auto; default: the model's own")

@@ -61,6 +61,8 @@ def make_clip(
     stem: str | None = None,
     truth_only: bool = False,
     people: bool = True,
+    lossless: bool = True,
+    extras: bool = True,
     exports: Sequence[str] = (),
     threads: int | None = None,
     progress: bool = False,
@@ -75,7 +77,9 @@ def make_clip(
     folder : where the files go; made if needed
     stem : what they are called; None takes the scene's name
     truth_only : make no pictures and no page to view
-    people : also write the H.264 video for people
+    people : write the H.264 video for people
+    lossless : write the lossless one; one of both at least is written
+    extras : keep the motion and energies, and the page to view
     exports : any of `EXPORTS`
     threads : of the solver; None measures what is fastest
     progress : show bars with the time left
@@ -92,8 +96,10 @@ def make_clip(
     for one in exports:
         if one not in EXPORTS:
             raise InputError(f"expected exports of {choices(EXPORTS)}, got {nearest(one, EXPORTS)}")
+    if not (people or lossless or truth_only):
+        raise InputError("expected a video for people, a lossless one or the truth only, got none of them")
     mouth, model = scene.model()
-    sources = _sources(scene, stem)
+    sources = clip_sources(scene, stem)
     facts = {"scene": stem, "sha256": {name: hashlib.sha256(data).hexdigest() for name, data in sources.items()}}
     seconds: dict[str, float] = {}
     saved = folder / f"{stem}.checkpoint.npz"
@@ -120,14 +126,17 @@ def make_clip(
         if motion.stopped is not None:
             return Clip(scene, mouth, motion, keep(motion), seconds)
         try:
-            export.write_motion(motion, model, work / f"{stem}.h5", facts)
+            if extras:
+                export.write_motion(motion, model, work / f"{stem}.h5", facts)
             for name, data in sources.items():
                 (work / name).write_bytes(data)
             with _timed(seconds, "truth"):
                 truth = _write_truth(scene, mouth, motion, work, stem)
             if not truth_only:
                 with _timed(seconds, "render"):
-                    _write_videos(scene, mouth, motion, work, stem, people, _ticker("pictures", progress))
+                    kinds = ("lossless",) * lossless + ("people",) * people
+                    _write_videos(scene, mouth, motion, work, stem, kinds, _ticker("pictures", progress))
+            if extras and not truth_only:
                 with _timed(seconds, "page"):
                     _write_page(scene, mouth, motion, truth, work, stem)
             if exports:
@@ -150,7 +159,7 @@ def unfinished(folder: str | Path, stem: str) -> Path:
     return Path(folder) / f"{stem}{UNFINISHED}.h5"
 
 
-def _sources(scene: Scene, stem: str) -> dict[str, bytes]:
+def clip_sources(scene: Scene, stem: str) -> dict[str, bytes]:
     """Name -> content of the files that make this clip again: the scene with all it leaves out, and its surfaces."""
     whole = dataclasses.replace(scene.spelled_out(), name=stem)
     files = {}
@@ -264,20 +273,20 @@ def _write_truth(scene: Scene, mouth: Mouth, motion: Motion, folder: Path, stem:
     return found
 
 
-def _write_videos(scene: Scene, mouth: Mouth, motion: Motion, folder: Path, stem: str, people: bool, tick) -> None:
-    """Draw every frame once, into a lossless video and one for people."""
+def _write_videos(scene: Scene, mouth: Mouth, motion: Motion, folder: Path, stem: str, kinds, tick) -> None:
+    """Draw every frame once, into a lossless video, one for people, or both."""
     from simulator.video import write_video
 
     rate, times = scene.output.frame_rate, scene.frame_times_s
+    writers = {
+        "lossless": lambda frames: write_video(folder / f"{stem}.mkv", frames, rate),
+        "people": lambda frames: write_video(folder / f"{stem}.mp4", map(_even, frames), rate, "h264"),
+    }
     frames = tick(pictures(scene, mouth, motion, times), total=len(times))
-    if not people:
-        write_video(folder / f"{stem}.mkv", frames, rate)
-        return
-    _read_twice(
-        frames,
-        lambda frames: write_video(folder / f"{stem}.mkv", frames, rate),
-        lambda frames: write_video(folder / f"{stem}.mp4", map(_even, frames), rate, "h264"),
-    )
+    if len(kinds) == 1:
+        writers[kinds[0]](frames)
+    else:
+        _read_twice(frames, *(writers[kind] for kind in kinds))
 
 
 def pictures(scene: Scene, mouth: Mouth, motion: Motion, times_s: np.ndarray) -> Iterator[np.ndarray]:

@@ -193,6 +193,7 @@ class Sensor:
     samples : most places of the lips that are averaged over that time; fewer are where they move less
     jpeg : quality of JPEG compression of each frame, 1 to 100, or None
     h264 : constant rate factor of H.264 compression of the clip, 0 to 51, or None
+    seed : of the noise, where it differs between clips of one face; None takes that of the scene
     """
 
     exposure: float = 1.0
@@ -205,13 +206,14 @@ class Sensor:
     samples: int = 8
     jpeg: int | None = None
     h264: int | None = None
+    seed: int | None = None
 
     def __post_init__(self):
         _check_ranges(self, exposure=(0, 100), blur_px=(0, 50), noise=(0, 1), read_noise=(0, 1))
         _check_ranges(self, vignette=(0, 1), shutter=(0, 1))
         if not (_is_triple(self.cast) and min(self.cast) >= 0):
             raise InputError(f"expected cast as three numbers of at least 0, got {self.cast!r}")
-        for name, low, high in (("samples", 1, 64), ("jpeg", 1, 100), ("h264", 0, 51)):
+        for name, low, high in (("samples", 1, 64), ("jpeg", 1, 100), ("h264", 0, 51), ("seed", 0, 2**63 - 1)):
             value = getattr(self, name)
             if value is None and name != "samples":
                 continue

@@ -524,7 +524,10 @@ class Stage:
     def _developed(self, linear: np.ndarray, frame: int) -> np.ndarray:
         sensor = self.look.sensor
         picture = np.empty((*linear.shape[:2], 3), np.uint8)
-        seed = (self.look.seed * 1_000_003 + frame * 7919 + 17) * self.camera.height_px % 2**63
+        own = self.look.sensor.seed
+        seed = (
+            ((self.look.seed if own is None else own) * 1_000_003 + frame * 7919 + 17) * self.camera.height_px % 2**63
+        )
         effects = map(float, (sensor.noise, sensor.read_noise, sensor.vignette))
         shade.develop(linear, self.lens, self.gains, *effects, self.grain, seed, _CURVE, picture)
         if sensor.jpeg is not None:

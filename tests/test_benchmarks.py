@@ -1,13 +1,9 @@
 """The benchmarks' own arithmetic: the split by person, masks, heights and scores worked out by hand."""
 
 import sys
-from dataclasses import replace
-from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
 
 import av
-import cv2
 import numpy as np
 import pandas as pd
 import pytest
@@ -229,42 +225,6 @@ def test_summary_weighs_agreement_by_frames():
 # --- speed
 
 
-def test_every_second_frame_leaves_straight_lines_between():
-    frames = pd.concat(
-        [clip_of([0, 5, 2, 5, np.nan, 5, 6, 5.0]), clip_of([1.0] * 8).assign(clip="b")], ignore_index=True
-    )
-    heights = speed.thin_out(frames, 2)["height_px"]
-    np.testing.assert_allclose(heights[:8], [0, 1, 2, 3, 4, 5, 6, 6])
-    np.testing.assert_allclose(heights[8:], 1)
-    assert speed.thin_out(frames, 1) is frames
-
-
-def test_a_method_is_shown_every_third_frame_only(tmp_path, monkeypatch):
-    class Detector:
-        seen = 0
-
-        def look(self, frame):
-            Detector.seen += 1
-            return frame.index
-
-    monkeypatch.setattr(speed, "make_detector", lambda *_: Detector())
-    for index in range(5):
-        cv2.imwrite(str(tmp_path / f"{index}.png"), np.full((8, 8, 3), 50 * index, np.uint8))
-    opened = partial(speed.open_frames, fps=25)
-    monkeypatch.setattr(speed, "open_frames", opened)
-    assert list(speed.every_nth_look("default", None, 3)(tmp_path)) == [0, 0, 0, 3, 3]
-    assert Detector.seen == 2
-
-
-@pytest.mark.parametrize("method", speed.VARIANTS)
-def test_settings_that_are_compared_exist_and_none_is_the_default(method):
-    own = speed.make_detector(method, None, None).settings
-    seen = []
-    for changes, every in speed.VARIANTS[method].values():
-        seen.append((replace(own, **changes), every))
-    assert all(seen.count(each) == 1 for each in seen)
-
-
 def test_enlarged_clip_keeps_its_frames_and_fills_the_sides(tmp_path):
     small, large = tmp_path / "small.mp4", tmp_path / "large.mp4"
     with av.open(str(small), "w") as container:
@@ -311,23 +271,6 @@ def test_markdown_table():
 # --- simulated mouth
 
 
-def test_differences_of_profiles_are_in_percent_of_the_mouth_width():
-    frames = [pd.DataFrame({"width_mw": [0.0, w], "height_mw": [0.0, 0.1], "area_mw2": [0.0, a]}) for w, a in
-              ((0.5, 0.03), (0.52, 0.028))]  # fmt: skip
-    found = mouth.differences(*(SimpleNamespace(frames=each) for each in frames))
-    np.testing.assert_allclose(found["width_mw"], [0, 2])
-    np.testing.assert_allclose(found["area_mw2"], [0, 0.2], atol=1e-12)
-    assert mouth.worst_mean(found) == pytest.approx(1)
-    assert mouth.summed_up(np.append(np.zeros(99), 5.0)) == "0.05 / 0.00 / 5.00"
-
-
-def test_works_are_timed_in_turn():
-    done = []
-    taken = mouth.in_turn_s({name: partial(done.append, name) for name in "ab"}, 2)
-    assert done == ["a", "b", "a", "b"]
-    assert [each.shape for each in taken.values()] == [(2, 2), (2, 2)]
-
-
 def test_stopwatch_adds_up_what_a_method_took():
     class Worker:
         def work(self, number):
@@ -337,17 +280,6 @@ def test_stopwatch_adds_up_what_a_method_took():
     watch.watch(worker, "work", "working")
     assert [worker.work(1), worker.work(2)] == [2, 3]
     assert watch.spent["working"] >= 0
-
-
-def test_cases_that_are_compared_can_be_solved_and_only_one_is_the_default():
-    seen = []
-    for mesh, changes in mouth.CASES.values():
-        scene = mouth.with_solver(mouth.findings.scene("slow_open", 7.0, mesh), **changes)
-        seen.append((mesh, scene.solve))
-    assert all(seen.count(each) == 1 for each in seen)
-    mesh, changes = mouth.CASES[mouth.DEFAULT]
-    assert not changes
-    assert mesh == mouth.load_scene("slow_open").face.resolution
 
 
 # --- meshes

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from lipmetrics.border import COUNT, LOWER, REACH, ROWS, SEEN, UPPER, moved, straightened
+from lipmetrics.errors import InputError
 from lipmetrics.features import FINE_COUNT, PAD
-from lipmetrics.forest import Forest
+from lipmetrics.forest import Forest, load_forest, save_forests
 
 ROWS_N, COLS_N = 60, 40
 
@@ -67,3 +68,12 @@ def test_the_answer_does_not_depend_on_the_region_that_is_looked_at():
     whole = straightened(maps, odds, (0, 0), 12, upper, lower, UPPER)
     part = straightened(maps[:, 6:, 4:], odds, (6, 4), 12, upper, lower, UPPER)
     np.testing.assert_array_equal(whole[:, 4:-4], part[:, 4:-4])
+
+
+def test_a_file_without_a_border_forest_leaves_the_borders_alone(tmp_path):
+    path = tmp_path / "one.npz"
+    save_forests(path, {"coarse": always(1.0)})
+    assert load_forest(path, "border", optional=True) is None
+    assert load_forest(path, "coarse", optional=True) is not None
+    with pytest.raises(InputError, match="'border'"):
+        load_forest(path, "border")

@@ -107,6 +107,9 @@ def test_nonsense_is_silent_where_confidence_does_not_fall():
     clips = clips_of(("p", "plain", "plain", "walk"), *facts)
     row = targets(frames, clips, by_condition(frames, clips))[-1]
     assert row["all"] == "1 of 2; not in noise: loud" and row["met"] is False
+    fine = clips[clips["clip"].isin(["p", "fine"])]
+    row = targets(frames, fine, by_condition(frames, fine))[-1]
+    assert row["all"] == "0 of 0" and row["met"] is None
 
 
 def test_classes_of_frames():

@@ -182,7 +182,7 @@ def test_surfaces_come_along(moved, tmp_path, monkeypatch):
     action = Action("zygomaticus", keys=((0.0, 1.0),), volume_obj=str(tmp_path / "ball.obj"))
     scene = dataclasses.replace(SCENE, muscle=(*SCENE.muscle, action))
     monkeypatch.setattr(Scene, "spelled_out", lambda self: self)
-    files = clips._sources(scene, "yawn")
+    files = clips.clip_sources(scene, "yawn")
     assert files["yawn.muscle2.obj"] == b"v 0 0 0\n"
     assert 'volume_obj = "yawn.muscle2.obj"' in files["yawn.scene.toml"].decode()
 

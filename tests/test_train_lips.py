@@ -120,7 +120,7 @@ def test_a_canvas_without_a_mouth_passes_through_both_stages(coarse):
     for name, example in (("wide", train.coarse_example), ("fine", partial(train.fine_example, coarse))):
         empty = replace(train.SETS[name], empty=1.0)
         questions = train.random_questions(train.FINE_STAGE if name == "fine" else train.COARSE_STAGE, _rng())
-        answers, shares, _ = train.read_pixels(example, questions, None, (empty, 0))
+        answers, shares = train.read_pixels(example, questions, None, (empty, 0))
         assert answers.shape == (len(questions.single), train.PIXELS)
         assert answers.std() > 0
         assert shares.shape == (train.PIXELS, 3) and not shares.any()
@@ -139,7 +139,7 @@ def test_two_thirds_of_the_pixels_are_on_the_lips_or_around_them():
 def test_the_same_canvas_is_drawn_every_time_and_another_for_every_number():
     questions = train.random_questions(train.COARSE_STAGE, _rng())
     read = partial(train.read_pixels, train.coarse_example, questions, None)
-    (first, *_), (again, *_), (other, *_) = (read((train.SETS["tight"], i)) for i in (4, 4, 5))
+    (first, _), (again, _), (other, _) = (read((train.SETS["tight"], i)) for i in (4, 4, 5))
     np.testing.assert_array_equal(first, again)
     assert (first != other).mean() > 0.5
 
@@ -267,7 +267,6 @@ def test_the_same_seed_gives_the_same_forest_whatever_the_threads():
 def test_the_same_seed_gives_the_same_file_whatever_the_processes(tmp_path, monkeypatch):
     monkeypatch.setattr(train, "COARSE_STAGE", replace(train.COARSE_STAGE, **TINY))
     monkeypatch.setattr(train, "FINE_STAGE", replace(train.FINE_STAGE, **TINY))
-    monkeypatch.setattr(train, "MIXED_STAGE", replace(train.MIXED_STAGE, **TINY))
     for processes in ("1", "2"):
         out = str(tmp_path / f"{processes}.npz")
         monkeypatch.setattr(sys, "argv", ["train_lips.py", "-o", out, "--scale", "0.002", "--processes", processes])
@@ -313,6 +312,13 @@ def test_a_quick_try_does_not_replace_the_shipped_forests(monkeypatch, capsys):
     with pytest.raises(SystemExit):
         train.main()
     assert "-o FILE" in capsys.readouterr().err
+
+
+def test_forests_of_an_album_do_not_replace_the_shipped_ones(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["train_lips.py", "--album", "album"])
+    with pytest.raises(SystemExit):
+        train.main()
+    assert "-o FILE with --album" in capsys.readouterr().err
 
 
 def _rng():
