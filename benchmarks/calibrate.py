@@ -42,7 +42,7 @@ DATA = Path(lipmetrics.__file__).parent / "data"
 WRITTEN_TO, FORESTS = DATA / "confidence.json", DATA / "lips.npz"
 FIGURE = Path(__file__).parents[1] / "docs" / "figures" / "calibration.png"
 EVERY = 7  # not a multiple of the six movements that are filmed in each condition, so that all of them come up
-RIDGE = 0.01  # times half the sum of squares of weights of standardised features, against the mean log loss
+RIDGE = 0.001  # times half the sum of squares of weights of standardised features, against the mean log loss
 HEIGHT_MW, HEIGHT_PX = 0.02, 1.0  # how far a good height may be off: the larger of the two
 LOOSE_MW = 0.05  # the same, for pictures whose outlines people drew
 BINS, RESAMPLES, SEED = 10, 200, 3
@@ -64,7 +64,7 @@ def thinned(part: str) -> list[SuiteClip]:
 
 
 def clip_rows(clips: Iterable[SuiteClip], folder: Path) -> pd.DataFrame:
-    """Rows of `score_frames` with clip, axis, condition, good, and what `Evidence` has; NaN where no mouth was found."""
+    """Rows of `score_frames` with clip, axis, condition, good, and what `Evidence` has, NaN without a mouth."""
     folder.mkdir(parents=True, exist_ok=True)
     tables = []
     for take, of_take in by_take(clips).items():
@@ -98,7 +98,7 @@ def evidence_row(look) -> dict[str, float]:
 
 
 def evidence_of(frames: pd.DataFrame) -> np.ndarray:
-    """(n, 6) in the order of `Evidence`."""
+    """(n, 5) in the order of `Evidence`."""
     return frames[list(Evidence._fields)].to_numpy(float)
 
 
@@ -357,13 +357,13 @@ def main() -> None:
             "## Calibration of confidence",
             "",
             f"`python benchmarks/calibrate.py --write`: fitted on {tune['clip'].nunique()} clips of part `tune`, "
-            f"{len(tune)} frames. Good: mouth found, number of openings right, height within 2 % of the mouth's width or 1 px.",
+            f"{len(tune)} frames. Good: mouth found, number of openings right, height within 2 % of its width or 1 px.",
             "",
             markdown(worth(tables), 3),
             "By tenth of confidence, part `report`:",
             "",
             markdown(deciles(thin)),
-            "At the worst settings of each axis, part `report`, mean confidence and share of good frames, the same movements:",
+            "At the worst settings, part `report`, against the same movements filmed plainly, means:",
             "",
             markdown(by_worst(report)),
             markdown(of_weights, 3),

@@ -2,7 +2,7 @@
 
 A frame is measured well when the mouth was found, the number of openings is right (so open or closed is too), and the
 height of the largest opening is within 2 % of the mouth's width, or within 1 px where that is more. The likelihood is
-a logistic function of five quantities, one for frames called open and one for frames called closed:
+a logistic function of four quantities, one for frames called open and one for frames called closed:
 
     confidence = 1 / (1 + exp(-(bias + sum of weights * min(feature, most)))),    weights >= 0
 
@@ -27,7 +27,7 @@ import numpy as np
 from lipmetrics.errors import InputError
 
 FORMAT = "lipmetrics confidence 1"
-FEATURES = ("border", "lips", "score", "margin", "height")
+FEATURES = ("border", "lips", "score", "margin")
 LARGEST_MARGIN = 3.0
 
 
@@ -40,7 +40,6 @@ class Evidence(NamedTuple):
     score : how much the place looks like one mouth, 0 to 1
     margin : of the opening, counted or not, that was nearest to the other answer, |log((e + 1) / (e0 + 1))| with its
         evidence e and the evidence e0 that was needed
-    height_mw : of the highest opening that was counted, mouth widths; 0 if closed
     """
 
     is_open: float
@@ -48,7 +47,6 @@ class Evidence(NamedTuple):
     undecided_lip_rows: float
     score: float
     margin: float
-    height_mw: float
 
 
 @dataclass(frozen=True)
@@ -82,16 +80,16 @@ def undecided(odds: np.ndarray) -> np.ndarray:
 
 
 def features(evidence: np.ndarray) -> np.ndarray:
-    """Of evidence (..., 6) in the order of `Evidence` what is weighed, (..., 5); of each, more is better."""
+    """Of evidence (..., 5) in the order of `Evidence` what is weighed, (..., 4); of each, more is better."""
     evidence = np.asarray(evidence, float)
-    _, rows, lip_rows, score, margin, height = np.moveaxis(evidence, -1, 0)
+    _, rows, lip_rows, score, margin = np.moveaxis(evidence, -1, 0)
     return np.stack(
-        [-np.log(rows + 0.05), -np.log(lip_rows + 0.05), score, np.minimum(margin, LARGEST_MARGIN), height], axis=-1
+        [-np.log(rows + 0.05), -np.log(lip_rows + 0.05), score, np.minimum(margin, LARGEST_MARGIN)], axis=-1
     )
 
 
 def probability(evidence: np.ndarray, calibration: Calibration) -> np.ndarray:
-    """Confidence, 0 to 1, of evidence (..., 6); 0 where anything is not finite."""
+    """Confidence, 0 to 1, of evidence (..., 5); 0 where anything is not finite."""
     evidence = np.asarray(evidence, float)
     known = np.isfinite(evidence).all(axis=-1)
     seen = features(np.where(known[..., None], evidence, 0.0))
@@ -114,7 +112,6 @@ def confidence(evidence: Evidence) -> float:
         -math.log(evidence.undecided_lip_rows + 0.05),
         evidence.score,
         min(evidence.margin, LARGEST_MARGIN),
-        evidence.height_mw,
     )
     odds = one.bias
     for value, weight, most in zip(seen, one.weights, one.most, strict=True):
@@ -142,7 +139,7 @@ def from_text(text: str) -> Calibration:
             for name in ("open", "closed")
         }
         return Calibration(**parts, forests=str(found["forests"]))
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise InputError(f"expected weights of the confidence ({FORMAT!r}), but: {error}") from None
 
 

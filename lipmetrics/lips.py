@@ -302,10 +302,7 @@ def evidence_of(
     nearest = min(
         (abs(math.log((each.evidence + 1) / bar)) for each in candidates if each.evidence > 0), default=math.log(bar)
     )
-    height = max((each.height for each in counted), default=0.0)
-    return Evidence(
-        float(bool(counted)), float(opening.max()), float(lip.mean()), score, nearest, height / (ASPECT * MOUTH)
-    )
+    return Evidence(float(bool(counted)), float(opening.max()), float(lip.mean()), score, nearest)
 
 
 def mouth_box(box: Box, mouth: Mouth, size: tuple[int, int]) -> Box:
