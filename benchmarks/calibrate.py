@@ -205,7 +205,7 @@ def deciles(frames: pd.DataFrame) -> pd.DataFrame:
 
 def by_worst(frames: pd.DataFrame) -> pd.DataFrame:
     """Of the worst settings of each axis, against the same movements filmed plainly: confidence and good frames."""
-    take = frames["clip"].str.partition(".")[2]
+    take = frames["clip"].str.rpartition(".")[2]  # a setting may hold a point
     rows = {}
     for axis, settings in WORST.items():
         for setting in settings:

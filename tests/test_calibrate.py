@@ -90,7 +90,7 @@ def test_the_clips_are_a_fifth_and_of_every_setting():
 def test_falls_at_the_worst_settings_are_told_of_the_same_movements():
     table = pd.DataFrame(
         {
-            "clip": ["plain.a", "plain.b", "noise_12__.a", "beard_full.a"],
+            "clip": ["plain.a", "plain.b", "noise_1.5.a", "beard_full.a"],
             "condition": ["plain", "plain", "noise: 12 %", "beard: full"],
             "good": [1.0, 0.0, 0.5, 1.0],
             "now": [0.9, 0.1, 0.6, 0.95],
