@@ -20,7 +20,8 @@ import numpy as np
 
 from lipmetrics import border, features
 from lipmetrics.box import ASPECT, CANVAS, COARSE, MOUTH, Box, lay_canvas, nine_of_sixteen
-from lipmetrics.decode import Mouth, decode, sums_inside
+from lipmetrics.confidence import Evidence, confidence, undecided
+from lipmetrics.decode import Mouth, Opening, decode, sums_inside
 from lipmetrics.errors import InputError
 from lipmetrics.find import Place, places
 from lipmetrics.forest import load_forest, log_odds
@@ -281,6 +282,29 @@ def mouth_score(odds: np.ndarray, mouth: Mouth) -> float:
     return score * (0.6 if runs_off else 1.0)
 
 
+def evidence_of(
+    odds: np.ndarray,
+    region: Region,
+    mouth: Mouth,
+    score: float,
+    candidates: list[Opening],
+    counted: list[Opening],
+    needed: float,
+) -> Evidence:
+    """What is known of a frame for its confidence: log-odds (3, *CANVAS) and what came of them.
+
+    candidates, counted : openings before and after they were held against the evidence `needed`
+    """
+    top, bottom, _, _ = mouth.extent
+    rows = slice(max(int(top) - 1, region[0]), min(int(bottom) + 2, region[1]))
+    opening, lip = (undecided(odds[kind, rows, mouth.left : mouth.right]) for kind in (OPENING, LIP))
+    bar = max(needed, 0.0) + 1
+    nearest = min(
+        (abs(math.log((each.evidence + 1) / bar)) for each in candidates if each.evidence > 0), default=math.log(bar)
+    )
+    return Evidence(float(bool(counted)), float(opening.max()), float(lip.mean()), score, nearest)
+
+
 def mouth_box(box: Box, mouth: Mouth, size: tuple[int, int]) -> Box:
     """The box of a mouth found on a canvas of `size` that was laid by `box`."""
     per_row, per_col = CANVAS[0] / size[0], CANVAS[1] / size[1]
@@ -409,22 +433,22 @@ class _Detector:
         score = mouth_score(odds[LIP], mouth)
         borders = forests()[2]
         sharpened = borders and partial(border.moved, borders, maps, odds, (region[0], region[2]))
-        openings = mouth.openings(settings.switch, sharpened)
-        openings = [each for each in openings if each.height >= settings.min_height_mw * ASPECT * MOUTH]
+        candidates = mouth.openings(settings.switch, sharpened)
+        openings = [each for each in candidates if each.height >= settings.min_height_mw * ASPECT * MOUTH]
         needed = settings.sure_above
         if self._look is not None:
             needed += settings.hysteresis if self._look.status == CLOSED else -settings.hysteresis
-        outlines = [box.to_picture(each.outline) for each in openings if each.evidence >= needed]
+        counted = [each for each in openings if each.evidence >= needed]
+        outlines = [box.to_picture(each.outline) for each in counted]
         self._follow(mouth_box(box, mouth, CANVAS))
         if self._box is box or self._settled:
             extent = mouth.extent if self._box is box else moved_extent(mouth.extent, box, self._box)
             self._region, self._seen = region_of(extent, CANVAS, COARSE), region_of(extent, CANVAS, CANVAS)
         else:
             self._region = self._seen = None
-        evidence = max((each.evidence for each in openings), default=0.0)
-        decided = math.tanh(abs(math.log((evidence + 1) / (settings.sure_above + 1))) / 2)
-        confidence = score * (0.3 + 0.7 * decided)
-        return Look(OPEN if outlines else CLOSED, outlines, box.to_picture(mouth.corners), confidence), score
+        known = evidence_of(odds, region, mouth, score, candidates, counted, needed)
+        status = OPEN if outlines else CLOSED
+        return Look(status, outlines, box.to_picture(mouth.corners), confidence(known), known), score
 
     def _decoded(self, canvas: np.ndarray) -> tuple[np.ndarray, Region, Mouth | None, np.ndarray]:
         """Fine log-odds, the part of the canvas that they are of, the mouth there, and the maps of that part."""

@@ -19,12 +19,14 @@ class Look:
         not repeated; pixel (0, 0) has its centre at (0.0, 0.0), so a mask pixel (r, c) covers r-0.5..r+0.5
     corners : (2, 2) float64 (row, column) of the left and right mouth corner in the picture, NaN if unknown
     confidence : 0 (a guess) to 1 (sure); NaN if the method does not say
+    evidence : what the confidence was worked out from, as the method orders it; empty if it does not say
     """
 
     status: str
     outlines: list[np.ndarray] = field(default_factory=list)
     corners: np.ndarray = field(default_factory=lambda: np.full((2, 2), np.nan))
     confidence: float = float("nan")
+    evidence: tuple[float, ...] = ()
 
     @property
     def lip_width_px(self) -> float:

@@ -436,7 +436,7 @@ def film(clip: SuiteClip, solved: Solved) -> Filmed:
     corners = reach + np.round(
         reach * np.stack([0.5 * np.sin(2 * np.pi * times / 1.3), np.sin(2 * np.pi * times / 0.9)], axis=1)
     ).astype(int)
-    known = truth(motion, mouth, scene.camera, times)
+    known = _on_the_clock(truth(motion, mouth, scene.camera, times), times[0])
     return Filmed(_windows(drawn, corners, (height, width)), _shifted(known, -corners, (height, width)))
 
 
@@ -654,6 +654,15 @@ def _windows(frames: Iterable[np.ndarray], corners: np.ndarray, size: tuple[int,
     """The part of each frame whose upper left corner is given, (T, 2) row and column."""
     for frame, (row, column) in zip(frames, corners, strict=True):
         yield frame[row : row + size[0], column : column + size[1]]
+
+
+def _on_the_clock(known: Truth, start_s: float) -> Truth:
+    """A truth whose first frame is at 0 s, as that of the video is, though it is filmed from `start_s` on."""
+    tables = ("frames", "openings", "frames_m", "openings_m", "saliva", "energies")
+    parts = {name: getattr(known, name) for name in tables}
+    return dataclasses.replace(
+        known, **{name: part.assign(time_s=(part["time_s"] - start_s).round(6)) for name, part in parts.items()}
+    )
 
 
 def _shifted(known: Truth, drift_px: np.ndarray, size: tuple[int, int]) -> Truth:

@@ -203,3 +203,16 @@ def test_a_movement_that_blows_up_is_tried_again_with_smaller_steps(monkeypatch)
     assert tried[2:] == [0.9, 0.6, 0.4] and solved.motion is None and "energy growth" in solved.dropped
     with pytest.raises(InputError, match="expected a movement that could be solved, got slow_open-average"):
         film(clip_of(Filming()), solved)
+
+
+def test_the_truth_begins_with_the_video():
+    clip = clip_of(DARK)
+    later = dataclasses.replace(clip, take=dataclasses.replace(clip.take, action="double_opening"))
+    start_s = later.take.span_s[0]
+    solved = solved_by_formula(12)
+    filmed = film(later, solved)
+    times = solved.scene.frame_times_s
+    assert start_s > 0 and filmed.truth.frames["time_s"].iloc[0] == 0
+    assert np.diff(filmed.truth.frames["time_s"]) == pytest.approx(np.diff(times[times >= start_s - 1e-9]), abs=2e-6)
+    first = filmed.truth.openings.groupby("frame")["time_s"].first()
+    assert (first == filmed.truth.frames["time_s"][first.index].to_numpy()).all()
