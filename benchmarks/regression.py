@@ -1,15 +1,17 @@
-"""Has anything become slower or less accurate? A short fixed set of works against a stored table, about 2 minutes.
+"""Has anything become slower or less accurate? A short fixed set of works against a stored table.
 
     python benchmarks/regression.py                  # ratios against regression.json; exit code 3 if a row is marked
     python benchmarks/regression.py --store          # write the table anew, after a change that is meant
     python benchmarks/regression.py --only detector  # rows whose name begins so
     python benchmarks/regression.py --write          # the section of RESULTS.md
 
-Times are processor times on one core, the best of several, as multiples of the time that a reference work takes on the
-same machine just before and after: a fixed number of steps in compiled code, half arithmetic, half reading from all
-over a table that does not fit into the inner caches. So tables of two machines can be compared, roughly; a row that
-would be marked is measured twice more first. The row of measuring is against plain decoding of the same file instead.
-Errors are the same in every run of the same code; they change a little with compilers and libraries.
+Times are processor times on one core, as multiples of the time that a reference work takes on the same machine: a fixed
+number of steps in compiled code, half arithmetic, half reading from all over a table that fits into the second cache
+only. So tables of two machines can be compared, roughly. Works and reference are taken in turn, in several rounds over
+the whole set, and the best of each counts; rows that would be marked get some rounds more. The row of measuring is
+against plain decoding of the same file instead. On a machine that is busy with other things times are hardly
+reproducible: store, and judge, on an idle one. Errors are the same in every run of the same code; they change a little
+with compilers and libraries.
 """
 
 from __future__ import annotations
@@ -54,9 +56,10 @@ SLOWER, WORSE = 1.25, 1.05  # times the stored value from which a row is marked
 KINDS = {"time": SLOWER, "error": WORSE}
 LEAST = {"time": 0.0, "error": 1e-3}  # smaller differences than this are none
 MARKED = 3  # exit code
-REPEATS, MORE = 5, 2  # of each work; and how often a row that would be marked is measured again
-ENOUGH_S = 0.4  # short works are done several times in a row, for about as long
-STEPS, TABLE = 6_000_000, 1 << 20
+ROUNDS, MORE = 12, 8  # over the whole set; and over the rows that would be marked
+ENOUGH_S = 0.06  # short works are done several times in a row, for about as long
+REFERENCE, DECODING, MEASURING = "reference", "decoding", "detector: measure against decoding"
+STEPS, TABLE = 6_000_000, 1 << 15
 
 
 @dataclass(frozen=True)
@@ -82,11 +85,11 @@ def reference_work(table, steps):
     return value + total
 
 
-def reference_s(repeats: int = 2) -> float:
-    """Processor time of the reference work, best of some, s."""
+def reference_s() -> float:
+    """Processor time of the reference work, s."""
     table = np.arange(TABLE, dtype=np.int64)
     reference_work(table, 1)
-    return best_s(lambda: reference_work(table, STEPS), repeats)
+    return best_s(lambda: reference_work(table, STEPS), 1)
 
 
 def best_s(work: Callable[[], object], repeats: int, times: int = 1) -> float:
@@ -177,18 +180,22 @@ class Material:
 
 
 def time_works(of: Material) -> dict[str, Callable[[], float]]:
-    """Name -> a function that measures: s, best of several."""
+    """Name -> a function that measures once: s."""
 
-    def best(work: Callable[[], object]) -> Callable[[], float]:
+    def once(work: Callable[[], object]) -> Callable[[], float]:
+        times = []
+
         def measured() -> float:
-            first = best_s(work, 1)  # and everything is compiled
-            return best_s(work, REPEATS, max(1, round(ENOUGH_S / max(first, 1e-6) / REPEATS)))
+            if not times:
+                work()  # everything is compiled
+                times.append(max(1, round(ENOUGH_S / max(best_s(work, 1), 1e-6))))
+            return best_s(work, 1, times[0])
 
         return measured
 
     takes = of.takes
     works = {
-        "simulator: mesh and model": of.scene.model,
+        "simulator: mesh and model": lambda: of.scene.model(),
         "simulator: solving slow_open, low mesh": of.solve,
         "simulator: 200 truths": of.truths,
         "simulator: 5 pictures, 512 x 512": of.draw,
@@ -196,23 +203,39 @@ def time_works(of: Material) -> dict[str, Callable[[], float]]:
             [one.a for one in takes], [one.b for one in takes], band=0.1, threads=1
         ),
         "comparison: average of 24 takes": lambda: average([one.b for one in takes]),
+        "detector: reading the clip as RGB": of.read,
+        DECODING: of.decode,
+        MEASURING: lambda: measure(of.clip),
     }
-    measured = {name: best(work) for name, work in works.items()}
+    measured = {name: once(work) for name, work in works.items()}
     for method in ("default", "thesis"):
         for number, what in enumerate(("first frame", "a later frame")):
             name = f"detector: {method}, {what}, 360 x 288"
-            measured[name] = lambda method=method, number=number: min(of.frames_s(method)[number] for _ in range(4))
-    measured["detector: reading the clip as RGB"] = best(of.read)
+            measured[name] = lambda method=method, number=number: of.frames_s(method)[number]
     return measured
 
 
-def decoding_ratio(of: Material) -> float:
-    """`measure` of the clip over decoding it, in turn, best of each."""
-    taken = {"decode": math.inf, "measure": math.inf}
-    for _ in range(REPEATS):
-        taken["decode"] = min(taken["decode"], best_s(of.decode, 1, 10))
-        taken["measure"] = min(taken["measure"], best_s(lambda: measure(of.clip), 1))
-    return taken["measure"] / taken["decode"]
+def in_rounds(
+    works: Mapping[str, Callable[[], float]],
+    rounds: int,
+    best: dict[str, float],
+    reference: Callable[[], float] = reference_s,
+) -> None:
+    """Lower the best time of each work, and of the reference before each, by measuring all of them once in a round."""
+    for _ in range(rounds):
+        for name, work in works.items():
+            best[REFERENCE] = min(best.get(REFERENCE, math.inf), reference())
+            best[name] = min(best.get(name, math.inf), work())
+
+
+def time_rows(best: Mapping[str, float]) -> dict[str, Row]:
+    """Best times as multiples of the reference's; that of measuring of plain decoding's."""
+    rows = {}
+    for name, seconds in best.items():
+        if name not in (REFERENCE, DECODING):
+            base = DECODING if name == MEASURING else REFERENCE
+            rows[name] = Row("time", seconds / best[base], f"x {base}")
+    return rows
 
 
 def error_works(of: Material) -> dict[str, tuple[Callable[[], float], str]]:
@@ -243,41 +266,18 @@ def error_works(of: Material) -> dict[str, tuple[Callable[[], float], str]]:
     }
 
 
-def measured_rows(folder: Path, only: str, stored: Mapping[str, Row], progress: bool = True) -> dict[str, Row]:
-    """All rows whose name begins with `only`; times that would be marked are the best of several tries."""
-    of, rows = Material(folder), {}
-
-    def say(name: str, row: Row) -> None:
-        rows[name] = row
-        if progress:
-            print(f"{name}: {row.value:.4g} {row.unit}", file=sys.stderr, flush=True)
-
-    works = {name: normalised(work) for name, work in time_works(of).items()}
-    units = dict.fromkeys(works, "x reference")
-    works["detector: measure against decoding"] = lambda: decoding_ratio(of)
-    units["detector: measure against decoding"] = "x decoding"
-    for name, work in works.items():
-        if name.startswith(only):
-            row = Row("time", work(), units[name])
-            for _ in range(MORE):
-                if not is_marked(row, stored.get(name)):
-                    break
-                row = Row("time", min(row.value, work()), units[name])
-            say(name, row)
-    for name, (work, unit) in error_works(of).items():
-        if name.startswith(only):
-            say(name, Row("error", work(), unit))
-    return rows
-
-
-def normalised(work: Callable[[], float], reference: Callable[[], float] = reference_s) -> Callable[[], float]:
-    """A work's time over that of the reference before and after it, whichever is less."""
-
-    def measure_both() -> float:
-        before, taken, after = reference(), work(), reference()
-        return taken / min(before, after)
-
-    return measure_both
+def measured_rows(folder: Path, only: str, stored: Mapping[str, Row]) -> dict[str, Row]:
+    """All rows whose name begins with `only`; times that would be marked are measured some more."""
+    of, best = Material(folder), {}
+    works = {name: work for name, work in time_works(of).items() if name.startswith(only)}
+    if MEASURING in works:
+        works[DECODING] = time_works(of)[DECODING]
+    in_rounds(works, ROUNDS, best)
+    slow = [name for name, row in time_rows(best).items() if is_marked(row, stored.get(name))]
+    again = {name: works[name] for name in works if name in slow or (name == DECODING and MEASURING in slow)}
+    in_rounds(again, MORE, best)
+    errors = {name: (work, unit) for name, (work, unit) in error_works(of).items() if name.startswith(only)}
+    return time_rows(best) | {name: Row("error", work(), unit) for name, (work, unit) in errors.items()}
 
 
 # -- the table --------------------------------------------------------------------------------------------------------

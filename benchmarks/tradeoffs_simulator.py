@@ -141,9 +141,10 @@ def figure(points: dict[str, list[tuple[float, float, float]]]) -> None:
     for column, title in enumerate(titles, 1):
         shown = []
         for case, numbers in points.items():
+            mesh = CASES[case][0]
             of_case = np.array(numbers)
             time_share = float(np.exp(np.log(of_case[:, 0]).mean()))
-            label = f"default: {case}" if case == DEFAULT else case
+            label = f"default: {mesh}" if case == DEFAULT else case
             shown.append(Point(label, time_share, float(of_case[:, column].mean()), case == DEFAULT))
         error = "mean difference of the profile, % of the mouth width"
         panels.append(Panel(title, error, shown, log=True, least=LEAST))

@@ -23,11 +23,17 @@ def error(value):
     return Row("error", value, "%")
 
 
-def test_times_are_multiples_of_the_faster_reference_around_them():
-    references = iter([2.0, 1.0])
-    assert regression.normalised(lambda: 3.0, lambda: next(references))() == 3.0
-    references = iter([0.5, 1.0])
-    assert regression.normalised(lambda: 3.0, lambda: next(references))() == 6.0
+def test_best_of_all_rounds_counts_for_works_and_reference():
+    references, first, second = iter([2.0, 1.0, 4.0, 3.0]), iter([5.0, 6.0]), iter([9.0, 7.0])
+    best = {}
+    works = {"a": lambda: next(first), "b": lambda: next(second)}
+    regression.in_rounds(works, 2, best, lambda: next(references))
+    assert best == {"reference": 1.0, "a": 5.0, "b": 7.0}
+
+
+def test_times_are_multiples_of_the_reference_and_measuring_of_decoding():
+    best = {"reference": 2.0, "a": 3.0, "decoding": 0.5, regression.MEASURING: 4.0}
+    assert regression.time_rows(best) == {"a": time(1.5), regression.MEASURING: Row("time", 8.0, "x decoding")}
 
 
 def test_reference_work_is_a_known_number_of_steps():
@@ -161,13 +167,19 @@ def test_a_part_is_not_stored(measured):
         regression.main(["--only", "a", "--store"])
 
 
-def test_a_row_that_would_be_marked_is_measured_again(tmp_path, monkeypatch):
-    tries = iter([2.0, 1.5, 1.1, 0.1])
-    monkeypatch.setattr(regression, "time_works", lambda of: {"a": lambda: next(tries)})
-    monkeypatch.setattr(regression, "normalised", lambda work: work)
-    monkeypatch.setattr(regression, "error_works", lambda of: {"b": (lambda: 5.0, "%")})
-    rows = regression.measured_rows(tmp_path, "a", {"a": time(1.0)}, progress=False)
-    assert rows == {"a": time(1.1)}
-    tries = iter([2.0, 1.5, 1.4, 0.1])
-    assert regression.measured_rows(tmp_path, "a", {"a": time(1.0)}, progress=False) == {"a": time(1.4)}
-    assert next(tries) == 0.1
+def test_rows_that_would_be_marked_are_measured_again(tmp_path, monkeypatch):
+    rounds, tries = regression.ROUNDS, []
+
+    def slow_at_first():
+        tries.append("slow")
+        return 1.1 if len(tries) > rounds else 2.0
+
+    done = []
+    works = {"a: slow": slow_at_first, "a: usual": lambda: done.append(1) or 1.2, "b": lambda: 1 / 0}
+    monkeypatch.setattr(regression, "time_works", lambda of: works)
+    monkeypatch.setattr(regression.in_rounds, "__defaults__", (lambda: 1.0,))
+    monkeypatch.setattr(regression, "error_works", lambda of: {"c": (lambda: 5.0, "%")})
+    rows = regression.measured_rows(tmp_path, "a", {"a: slow": time(1.0), "a: usual": time(1.0)})
+    assert rows == {"a: slow": time(1.1), "a: usual": time(1.2)}
+    assert len(tries) == rounds + regression.MORE
+    assert len(done) == rounds
