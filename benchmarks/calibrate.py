@@ -3,10 +3,10 @@
     python benchmarks/calibrate.py                # fit on part `tune`, print what comes of it on both parts
     python benchmarks/calibrate.py --write        # also data/confidence.json, docs/figures/calibration.png, RESULTS.md
 
-The weights are fitted to part `tune` of the suite (`simulator.suite`) and to nothing else: all its quick clips and every
-seventh of the others. Part `report` is thinned in the same way; it and the reference pictures, where they are there, only
-check. Clips are kept in LIPMETRICS_BENCHMARK_CACHE, or made anew in a temporary folder. Fit again whenever the forests
-have changed.
+The weights are fitted to part `tune` of the suite (`simulator.suite`) and to nothing else: its quick clips and every
+seventh of the others. Part `report` is thinned in the same way; it and the reference pictures, where they are there,
+only check. Clips are kept in LIPMETRICS_BENCHMARK_CACHE, or made anew in a temporary folder. Fit again whenever the
+forests have changed.
 """
 
 from __future__ import annotations
