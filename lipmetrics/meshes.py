@@ -353,7 +353,7 @@ def _points_of_array(path: Path, vertices: Sequence[int]) -> np.ndarray:
         array = np.load(path, mmap_mode="r", allow_pickle=False)
     except FileNotFoundError:
         raise InputError(f"expected the array {path}, found no such file") from None
-    except (OSError, ValueError, TypeError, EOFError, OverflowError, MemoryError, TokenError) as error:
+    except (OSError, ValueError, TypeError, EOFError, OverflowError, MemoryError, SyntaxError, TokenError) as error:
         raise InputError(f"expected {path} to be an array (T, V, 3) saved by numpy, but: {_one_line(error)}") from None
     if not isinstance(array, np.ndarray) or array.dtype.kind not in "fiu":
         kind = getattr(array, "dtype", type(array).__name__)

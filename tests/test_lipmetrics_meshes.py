@@ -271,3 +271,11 @@ def test_a_loop_file_with_a_key_of_thousands_of_parts_is_not_read(tmp_path):
     (tmp_path / "loop.toml").write_text("a." * 50_000 + "a = 1\n")
     with pytest.raises(InputError, match="a line of 100005 characters"):
         read_loop(tmp_path / "loop.toml")
+
+
+def test_a_header_that_is_no_python_is_refused(tmp_path):
+    np.save(tmp_path / "a.npy", np.zeros((2, 5, 3)))
+    damaged = (tmp_path / "a.npy").read_bytes().replace(b"{'descr'", b"}'descr'")
+    (tmp_path / "a.npy").write_bytes(damaged)
+    with pytest.raises(InputError, match="saved by numpy"):
+        read_points(tmp_path / "a.npy", (0,))
