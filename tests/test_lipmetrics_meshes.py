@@ -273,9 +273,9 @@ def test_a_loop_file_with_a_key_of_thousands_of_parts_is_not_read(tmp_path):
         read_loop(tmp_path / "loop.toml")
 
 
-def test_a_header_that_is_no_python_is_refused(tmp_path):
+def test_a_kind_of_number_that_cannot_be_parsed_is_refused(tmp_path):
     np.save(tmp_path / "a.npy", np.zeros((2, 5, 3)))
-    damaged = (tmp_path / "a.npy").read_bytes().replace(b"{'descr'", b"}'descr'")
+    damaged = (tmp_path / "a.npy").read_bytes().replace(b"<f8", b",f8")
     (tmp_path / "a.npy").write_bytes(damaged)
     with pytest.raises(InputError, match="saved by numpy"):
         read_points(tmp_path / "a.npy", (0,))
