@@ -22,6 +22,7 @@ from pathlib import Path
 import numpy as np
 
 LONGEST_S = 10.0  # for one file, of a few kB
+AGAIN_S = 1.0  # for reading it once more
 FIRST_S = 200.0
 GROWTH_MB = 400.0  # peak memory of reading one
 MEMORY_MB = 3000.0  # address space beyond what the child begins with: what asks for more is refused
@@ -542,9 +543,10 @@ class Tried:
         self.child.stdin.write((f"{reader}\t{case}\t{times}\n" if times else f"{reader}\t{case}\n").encode())
         self.child.stdin.flush()
         new, self.known = reader not in self.known, self.known | {reader}
-        line = self._line(FIRST_S if new else LONGEST_S)  # at first good files are made and code is compiled
+        longest_s = LONGEST_S + AGAIN_S * times
+        line = self._line(FIRST_S if new else longest_s)  # at first good files are made and code is compiled
         if not line:
-            fault = f"no answer in {LONGEST_S:g} s" if line is None else f"died with {self.child.wait()}"
+            fault = f"no answer in {longest_s:g} s" if line is None else f"died with {self.child.wait()}"
             self._end()
             return Outcome(reader, case, "", fault)
         return Outcome(reader, case, **json.loads(line))
