@@ -22,7 +22,7 @@ SETTLING = 5.0  # the rest of an element that sticks again follows the lips with
 VISCOUS_S = 1e-4  # retardation time: the force of the film's viscosity is that of its stiffness at this age
 FLATTEST = 0.05  # normal stretch below which the law goes on along its tangent in the powers of J
 INERTIA = 0.5  # from 1/4 on the film limits no time step
-NEAR_INERTIA = 0.15  # of the tissue's own stiffness; from 0.1 on, lips that touch and part stir up no fast waves
+NEAR_INERTIA = 0.1  # of the tissue's own stiffness; from 0.1 on, lips that touch and part stir up no fast waves
 NEAR = 2.0  # normal stretch from which on lips do not meet within a step
 GONE = 1e-12  # share of its force below which a broken element has none
 
