@@ -34,7 +34,7 @@ from lipmetrics.openings import measure_outline
 from lipmetrics.pipeline import measure
 from lipmetrics.still import look_at
 from lipmetrics.validation import PLAIN, score_frames
-from simulator.suite import WORST, SuiteClip, by_take, clip_key, condition_name, solve_take, suite, write_clip
+from simulator.suite import WORST, SuiteClip, condition_name, kept_clips, suite
 
 matplotlib.use("Agg")
 
@@ -65,28 +65,16 @@ def thinned(part: str) -> list[SuiteClip]:
 
 def clip_rows(clips: Iterable[SuiteClip], folder: Path) -> pd.DataFrame:
     """Rows of `score_frames` with clip, axis, condition, good, and what `Evidence` has, NaN without a mouth."""
-    folder.mkdir(parents=True, exist_ok=True)
     tables = []
-    for take, of_take in by_take(clips).items():
-        solved = None
-        for clip in of_take:
-            key = clip_key(clip)
-            if not (folder / f"{key}.mp4").exists():
-                solved = solved or solve_take(take)
-                if solved.motion is None:
-                    print(f"{clip.name}: dropped, {solved.dropped}")
-                    continue
-                write_clip(clip, solved, folder, key)
-            looks = []
-            measured = measure(
-                folder / f"{key}.mp4", keep_outlines=True, on_look=lambda _, look, looks=looks: looks.append(look)
-            )
-            known = pd.DataFrame([evidence_row(look) for look in looks])
-            rows = score_frames(measured, load_truth(folder / key))
-            if len(rows) != len(known):
-                raise SystemExit(f"expected every frame of {clip.name} to be scored, got {len(rows)} of {len(known)}")
-            facts = {"clip": clip.name, "axis": clip.axis, "condition": clip.condition}
-            tables.append(pd.concat([rows, known], axis=1).assign(**facts))
+    for clip, path in kept_clips(clips, folder):
+        looks = []
+        measured = measure(path, keep_outlines=True, on_look=lambda _, look, looks=looks: looks.append(look))
+        known = pd.DataFrame([evidence_row(look) for look in looks])
+        rows = score_frames(measured, load_truth(path.with_suffix("")))
+        if len(rows) != len(known):
+            raise SystemExit(f"expected every frame of {clip.name} to be scored, got {len(rows)} of {len(known)}")
+        facts = {"clip": clip.name, "axis": clip.axis, "condition": clip.condition}
+        tables.append(pd.concat([rows, known], axis=1).assign(**facts))
     frames = pd.concat(tables, ignore_index=True)
     return frames.assign(good=is_good(frames))
 

@@ -25,6 +25,7 @@ from results import markdown, write_section
 from corpus_tools.average import average_groups, measures, read_takes_of
 from corpus_tools.average_figures import levels_png
 from corpus_tools.naming import Template
+from lipmetrics.errors import InputError
 from lipmetrics.take import Take
 
 TEMPLATE = Template("{speaker}_{action}_{stickiness:d}_{repeat:d}")
@@ -205,11 +206,15 @@ def main() -> None:
     parser.add_argument("folder", type=Path, help="of `lipmetrics simulate --corpus`, with corpus.h5 of its clips")
     parser.add_argument("--write", action="store_true", help="into RESULTS.md")
     arguments = parser.parse_args()
-    text = report(arguments.folder)
+    try:
+        text = report(arguments.folder)
+        if arguments.write:
+            draw(arguments.folder)
+    except InputError as error:
+        parser.error(str(error))
     print(text)
     if arguments.write:
         write_section("levels", text)
-        draw(arguments.folder)
 
 
 if __name__ == "__main__":

@@ -34,7 +34,7 @@ from lipmetrics.frames import open_frames
 from lipmetrics.look import NO_MOUTH, OPEN, Look
 from lipmetrics.openings import measure_outline
 from lipmetrics.validation import CLEAR_MW, CLEAR_PX
-from simulator.suite import by_take, clip_key, solve_take, suite, write_clip
+from simulator.suite import kept_clips, suite
 from simulator.video import write_video
 
 FIGURE = findings.FIGURES / "tradeoff_detector.png"
@@ -190,16 +190,7 @@ def thin_out(frames: pd.DataFrame, every: int) -> pd.DataFrame:
 def simulated_clips(folder: Path, plain: int, mixed: int) -> list[Path]:
     """Videos of the suite's part `tune`, with their truths beside them; what is there already is not made anew."""
     chosen = [*suite("tune", only=["plain"])[:plain], *suite("tune", only=["mix"])[:mixed]]
-    paths = []
-    for take, clips in by_take(chosen).items():
-        solved = None
-        for clip in clips:
-            path = folder / f"{clip_key(clip)}.mp4"
-            if not path.exists():
-                solved = solved or solve_take(take)
-                write_clip(clip, solved, folder, path.stem)
-            paths.append(path)
-    return paths
+    return [path for _, path in kept_clips(chosen, folder)]
 
 
 def simulated_errors(path: Path, looks: Sequence[Look], every: int = 1) -> pd.DataFrame:

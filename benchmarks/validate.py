@@ -27,7 +27,7 @@ from lipmetrics.pipeline import measure
 from lipmetrics.validation import by_condition, figures, score_frames
 from lipmetrics.validation_page import SHORT
 from lipmetrics.validation_verdict import HEIGHTS_PERCENT, VERDICTS, WIDTHS_PX, by_class, rule
-from simulator.suite import by_take, clip_key, solve_take, suite, write_clip
+from simulator.suite import kept_clips, suite
 
 DOCS = Path(__file__).parents[1] / "docs"
 PAGE, MARKS = DOCS / "validation.md", ("<!-- validate -->", "<!-- end -->")
@@ -51,22 +51,12 @@ SHOWN = {
 
 def clip_frames(clips, folder: Path, method: str = "default", settings=None) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Rows of `score_frames` of some clips with a column `clip`, and the table of the clips; missing ones are made."""
-    folder.mkdir(parents=True, exist_ok=True)
     rows, facts = [], []
-    for take, of_take in by_take(clips).items():
-        solved = None
-        for clip in of_take:
-            key = clip_key(clip)
-            if not (folder / f"{key}.mp4").exists():
-                solved = solved or solve_take(take)
-                if solved.motion is None:
-                    print(f"{clip.name}: dropped, {solved.dropped}")
-                    continue
-                write_clip(clip, solved, folder, key)
-            measured = measure(folder / f"{key}.mp4", method=method, settings=settings, keep_outlines=True)
-            rows.append(score_frames(measured, load_truth(folder / key)).assign(clip=clip.name))
-            of_clip = {name: getattr(clip, name) for name in ("axis", "setting", "condition")}
-            facts.append({"clip": clip.name, "take": take.name} | of_clip)
+    for clip, path in kept_clips(clips, folder):
+        measured = measure(path, method=method, settings=settings, keep_outlines=True)
+        rows.append(score_frames(measured, load_truth(path.with_suffix(""))).assign(clip=clip.name))
+        of_clip = {name: getattr(clip, name) for name in ("axis", "setting", "condition")}
+        facts.append({"clip": clip.name, "take": clip.take.name} | of_clip)
     order = {clip.name: number for number, clip in enumerate(clips)}
     return pd.concat(rows, ignore_index=True), pd.DataFrame(facts).sort_values("clip", key=lambda c: c.map(order))
 

@@ -455,6 +455,26 @@ def write_clip(clip: SuiteClip, solved: Solved, folder: str | Path, stem: str | 
     return path
 
 
+def kept_clips(clips: Iterable[SuiteClip], folder: str | Path) -> Iterator[tuple[SuiteClip, Path]]:
+    """The clips and their videos in a folder, truths beside them; what is not there yet under its key is made.
+
+    Movements that cannot be solved are named on the terminal and left out.
+    """
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    for take, of_take in by_take(clips).items():
+        solved = None
+        for clip in of_take:
+            path = folder / f"{clip_key(clip)}.mp4"
+            if not path.exists():
+                solved = solved or solve_take(take)
+                if solved.motion is None:
+                    print(f"{clip.name}: dropped, {solved.dropped}")
+                    continue
+                write_clip(clip, solved, folder, path.stem)
+            yield clip, path
+
+
 # -- faces and groups of clips ----------------------------------------------------------------------------------------
 
 

@@ -25,6 +25,7 @@ from simulator.suite import (
     changed,
     clip_key,
     film,
+    kept_clips,
     solve_take,
     suite,
     write_clip,
@@ -183,6 +184,25 @@ def test_a_clip_is_written_with_its_truth(tmp_path):
     assert len(known.frames) == 4 and known.meta["drift_px"] == [[0, 0]] * 4
     endings = [".frames.csv", ".json", ".mp4", ".openings.csv", ".polygons.json"]
     assert sorted(one.name.removeprefix("clip") for one in tmp_path.iterdir()) == endings
+
+
+def test_clips_that_are_kept_are_not_made_again_and_a_movement_is_solved_once(tmp_path, monkeypatch, capsys):
+    solved = []
+
+    def solve(take):
+        solved.append(take.action)
+        return solved_by_formula(3) if take is TAKE else Solved(take.scene(), dropped="energy growth")
+
+    monkeypatch.setattr(suites, "solve_take", solve)
+    one, other = clip_of(DARK), clip_of(dataclasses.replace(DARK, mouth_px=40.0))
+    lost = dataclasses.replace(one, take=dataclasses.replace(TAKE, action="p"))
+    made = list(kept_clips([one, lost, other], tmp_path / "kept"))
+    assert [clip for clip, _ in made] == [one, other] and solved == ["slow_open", "p"]
+    assert "dropped, energy growth" in capsys.readouterr().out
+    assert all(path.name == f"{clip_key(clip)}.mp4" and path.exists() for clip, path in made)
+    made[1][1].unlink()
+    assert list(kept_clips([one, other], tmp_path / "kept")) == made and solved == ["slow_open", "p", "slow_open"]
+    assert list(kept_clips([one, other], tmp_path / "kept")) == made and len(solved) == 3
 
 
 def test_a_movement_that_blows_up_is_tried_again_with_smaller_steps(monkeypatch):
