@@ -10,6 +10,8 @@ from pathlib import Path
 
 from lipmetrics.atomic import whole_file
 
+LONG_CELL = 20  # characters from which on a cell is text
+
 
 def write_page(path: str | Path, title: str, body: str) -> None:
     """Write a page with this body; it appears whole or not at all.
@@ -31,7 +33,7 @@ def picture(png: bytes, what: str) -> str:
 
 
 def table(rows: Iterable[Sequence], head: Sequence[str] = ()) -> str:
-    """A table of text; cells that are numbers as text stand to the right."""
+    """A table of text; cells that are numbers as text stand to the right, long ones are broken into lines."""
 
     def line(cells: Sequence, tag: str) -> str:
         return "<tr>" + "".join(f"<{tag}{_side(cell)}>{escape(str(cell))}</{tag}>" for cell in cells) + "</tr>"
@@ -65,6 +67,8 @@ def span(low: float, high: float, digits: int = 3) -> str:
 
 def _side(cell) -> str:
     text = str(cell)
+    if len(text) > LONG_CELL:
+        return ' class="t"'
     return ' class="n"' if text and (text[0].isdigit() or text[0] in "--+") else ""
 
 
@@ -78,7 +82,7 @@ img { max-width: min(100%, 62rem); height: auto; display: block; margin: 0.5rem 
 table { border-collapse: collapse; margin: 0.5rem 0 1rem; font-size: 0.88rem; font-variant-numeric: tabular-nums; }
 td, th { padding: 0.2rem 0.8rem 0.2rem 0; text-align: left; border-bottom: 1px solid #ddd; vertical-align: top;
   white-space: nowrap; }
-th { font-weight: 600; } .n { text-align: right; }
+th { font-weight: 600; } .n { text-align: right; } .t { white-space: normal; min-width: 9rem; }
 .note { color: #666; font-size: 0.9rem; }
 details { margin: 0.5rem 0; } summary { cursor: pointer; color: #0050a0; }
 """

@@ -268,7 +268,7 @@ def _text(summary: dict, conditions: pd.DataFrame, folder: Path) -> list[str]:
         met = {True: "met", False: "not met", None: "-"}[row["met"]]
         lines.append(f"{met:8} {row['what']}: {row['all']} (goal {row['goal']}; mix {row['mix']})")
     counts = Counter(conditions["verdict"])
-    lines.append(", ".join(f"{count} conditions {name}" for name, count in counts.items()))
+    lines.append("conditions: " + ", ".join(f"{count} {name}" for name, count in counts.items()))
     if summary["failed"] or summary["dropped"]:
         lines.append(f"{len(summary['failed'])} clips broke the method, {len(summary['dropped'])} could not be solved")
     lines.append(
