@@ -21,5 +21,5 @@ fi
 
 [ -x "$venv/bin/pip" ] || python3 -m venv "$venv"
 rm -rf build  # left by an earlier install, it would carry modules deleted since into the package
-"$venv/bin/pip" install --quiet --disable-pip-version-check .
+"$venv/bin/pip" install --quiet --disable-pip-version-check ".[test]"
 echo "lipmetrics is installed: $venv/bin/lipmetrics --help"

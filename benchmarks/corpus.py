@@ -1,6 +1,6 @@
 """What `lipmetrics corpus run` costs beyond measuring, how it grows, and what the thesis's corpus would take.
 
-    python benchmarks/corpus.py --write                    # everything, about 10 minutes on two idle cores
+    python benchmarks/corpus.py --write                    # everything, about 15 minutes on two idle cores
     python benchmarks/corpus.py --part jobs memory --small # some of it, in small
 
 Needs no data: the clips are made here. One mouth is simulated and drawn; its video is copied under many names, each

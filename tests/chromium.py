@@ -103,6 +103,16 @@ class Chromium:
     def go(self, address):
         self.do("Page.navigate", url=address)
 
+    def reload(self):
+        """Load the page anew; returns when the old document is gone and the new one is there."""
+        self.see("window.of_before = true")
+        self.do("Page.reload")
+        self.wait("!window.of_before && document.readyState == 'complete'")
+
+    def arrive(self, path):
+        """Until a page of the server is there as a whole."""
+        self.wait(f"location.pathname == {json.dumps(path)} && document.readyState == 'complete'")
+
     def see(self, expression):
         """The value of a JavaScript expression in the page."""
         result = self.do("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
@@ -123,7 +133,7 @@ class Chromium:
             if value:
                 return value
             if time.monotonic() > end:
-                text = self.see("document.body.innerText")
+                text = self.see("document.body?.innerText")
                 raise AssertionError(f"waited {seconds} s for {expression}; the page says: {text}; {self.said}")
             time.sleep(0.01)
 

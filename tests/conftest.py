@@ -14,6 +14,15 @@ FIRST_TO_LAST = ("test_study_", "test_corpus_tools_", "test_", "test_simulator_"
 _compiling = pytest.StashKey[subprocess.Popen]()
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_cmdline_main(config):
+    """All tests, or all quick ones, run on all cores where pytest-xdist is installed; a file's tests stay together."""
+    option = config.option
+    whole = config.args_source is pytest.Config.ArgsSource.TESTPATHS and not option.keyword and not option.usepdb
+    if whole and config.pluginmanager.hasplugin("xdist") and option.numprocesses is None and option.dist == "no":
+        option.numprocesses, option.dist, option.loadscopereorder = "auto", "loadfile", False
+
+
 def _place(item) -> int:
     """By the longest beginning that fits the file's name."""
     fitting = [start for start in FIRST_TO_LAST if item.path.name.startswith(start)]

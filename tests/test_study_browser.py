@@ -73,7 +73,7 @@ def to_the_start(browser, server):
     browser.go(server.address)
     browser.wait("document.readyState == 'complete' && !!document.querySelector('button.main')")
     browser.click("button.main")
-    browser.wait("document.readyState == 'complete' && location.pathname == '/instructions'")
+    browser.arrive("/instructions")
     browser.click("a.button")
     browser.wait("location.pathname == '/trials' && !!document.getElementById('trouble')")
 
@@ -106,11 +106,11 @@ def test_a_session_of_60_trials(at):
         number = trial.trial
         browser.wait(f"document.getElementById('progress').textContent.includes('{number} of 60')")
         if number == 20:  # a reload in the middle
-            browser.do("Page.reload")
+            browser.reload()
             browser.wait(f"document.getElementById('progress').textContent.includes('{number} of 60')")
         if number == 30:  # there is no way back to an earlier pair
             browser.see("history.back()")
-            browser.wait("document.readyState == 'complete' && location.pathname == '/instructions'")
+            browser.arrive("/instructions")
             browser.click("a.button")
             browser.wait("location.pathname == '/trials' && document.getElementById('progress').textContent")
             assert trial_shown(browser) == number
@@ -148,7 +148,7 @@ def test_a_session_of_60_trials(at):
             browser.wait("!document.getElementById('trouble').hidden")
             assert "sent again by itself" in browser.see("document.getElementById('trouble_text').textContent")
             server.start()
-    browser.wait("location.pathname == '/done'")
+    browser.arrive("/done")
     assert "DONE7" in browser.see("document.body.innerText")
     _, table = exported(folder)
     assert table["chosen"].tolist() == clicks
@@ -262,7 +262,7 @@ def test_withdrawal(at):
     browser.click("#left")
     browser.wait("document.getElementById('progress').textContent.startsWith('2 of')")
     browser.click("footer a")
-    browser.wait("location.pathname == '/withdraw'")
+    browser.arrive("/withdraw")
     browser.click("a.button")  # no, go on
     browser.wait(
         "document.getElementById('progress') && document.getElementById('progress').textContent.startsWith('2 of')"
