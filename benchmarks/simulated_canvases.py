@@ -44,7 +44,7 @@ LEVELS = (0.0, 4.0, 7.0, 10.0)  # stickiness: none, slight, normal, strong
 PATCHED = 0.4  # share of motions with a stickier place, which parts the opening in two for a while
 SLIT_MW = 0.1  # openings lower than this are slits
 SHUT, SLITS, SEVERAL, WIDER = 0.3, 0.3, 0.15, 0.25  # weights of the states that are drawn
-STAGES, PER_STAGE = 260, 8  # looks, and pictures of each: a look costs as much as ten pictures
+STAGES, PER_STAGE = 420, 8  # looks, and pictures of each: a look costs as much as ten pictures
 MOUTH_PX = (60.0, 120.0)  # in the picture
 PICTURE_MW = (2.3, 2.6)  # height and width of the picture
 FINER = 4  # sub-pixels along each axis for the share of lips
@@ -163,13 +163,14 @@ def random_look(rng: np.random.Generator) -> Look:
     def colour(middle, spread):
         return tuple(float(v) for v in np.clip(np.array(middle) + rng.normal(0, spread, 3), 0, 255))
 
-    red = rng.uniform(90, 220)
+    red = rng.uniform(60, 220)
     painted = (red, red * rng.uniform(0.15, 0.6), red * rng.uniform(0.2, 0.7))
+    pale = rng.random() < 0.15  # lips that hardly differ from the skin
     skin = Skin(
         tone=float(rng.uniform(0, 1)),
         redness=float(rng.uniform(0, 1)),
-        lip_redness=float(rng.uniform(0, 1)),
-        lip_colour=painted if rng.random() < 0.12 else None,
+        lip_redness=0.0 if pale else float(rng.uniform(0, 1)),
+        lip_colour=painted if not pale and rng.random() < 0.15 else None,
         texture=float(rng.uniform(0, 1)),
         lip_lines=float(rng.uniform(0, 1)),
         border_m=float(rng.uniform(0.0003, 0.0015)),
@@ -184,7 +185,7 @@ def random_look(rng: np.random.Generator) -> Look:
     )
     warm, sky = rng.normal(0, 18), rng.normal(0, 14)
     light = Light(
-        direction=(float(rng.normal(0, 0.6)), float(rng.normal(0.4, 0.5)), float(rng.uniform(0.3, 1.2))),
+        direction=(float(rng.normal(0, 0.6)), float(rng.normal(0.3, 0.7)), float(rng.uniform(0.3, 1.2))),
         strength=float(rng.uniform(0.4, 1.2)),
         ambient=float(rng.uniform(0.12, 0.7)),
         colour=tuple(float(v) for v in np.clip((245 + warm, 240, 235 - warm), 0, 255)),
@@ -202,7 +203,7 @@ def random_look(rng: np.random.Generator) -> Look:
         upper_edge_m=float(rng.normal(-0.0028, 0.0018)),
         lower_edge_m=float(rng.normal(-0.0024, 0.0018)),
         teeth_z_m=float(rng.uniform(-0.012, -0.006)),
-        tongue_height_m=float(rng.uniform(-0.003, 0.008)),
+        tongue_height_m=float(rng.uniform(-0.003, 0.01)),
         shadow=float(rng.uniform(0.2, 0.95)),
         depth_m=float(rng.uniform(0.008, 0.035)),
     )
@@ -239,7 +240,7 @@ def _draw_stage(folder: Path, motions: int, number: int) -> None:
     mouth = motion.mouth
     mouth_px = math.exp(rng.uniform(*np.log(MOUTH_PX)))
     size = tuple(round(side * mouth_px) for side in PICTURE_MW)
-    yaw, pitch, roll = np.clip(rng.normal(0, (8.0, 6.0, 2.0)), -20, 20).tolist()
+    yaw, pitch, roll = np.clip(rng.normal(0, (8.0, 8.0, 2.0)), -20, 20).tolist()
     view = {"yaw_deg": yaw, "pitch_deg": pitch, "roll_deg": roll, "distance_m": math.exp(rng.normal(0, 0.5))}
     camera = Camera(width_px=size[1], height_px=size[0], view_m=PICTURE_MW[1] * mouth.width_m, **view)
     stage = Stage(mouth, camera, random_look(rng))
@@ -288,13 +289,13 @@ class Picture(NamedTuple):
 
 
 @lru_cache(maxsize=1)
-def pictures(folder: Path, stages: int = STAGES) -> tuple[list[Picture], list[Picture]]:
+def pictures(folder: Path) -> tuple[list[Picture], list[Picture]]:
     """The shut and the open pictures of a folder, in order."""
     found: tuple[list[Picture], list[Picture]] = ([], [])
-    for number in range(stages):
-        with np.load(folder / f"{number:06d}.npz") as kept:
+    for file in sorted(folder.glob("[0-9]*.npz")):
+        with np.load(file) as kept:
             for k, (place, openings) in enumerate(zip(kept["places"], kept["openings"], strict=True)):
-                stem = f"{number:06d}_{k}"
+                stem = f"{file.stem}_{k}"
                 found[int(openings > 0)].append(Picture(stem, tuple(place[:2]), tuple(place[2:]), bool(openings > 0)))
     return found
 
@@ -323,7 +324,6 @@ def cut_canvas(
     turn_rad: float,
     closed: float,
     rng: np.random.Generator,
-    stages: int = STAGES,
 ) -> tuple[np.ndarray, np.ndarray]:
     """A canvas (rows, cols, 3) uint8 RGB cut out of a random picture as in use, and its shares (3, rows, cols) float32.
 
@@ -335,8 +335,8 @@ def cut_canvas(
     turn_rad : by which it is turned
     closed : share of shut mouths
     """
-    shut, opened = pictures(folder, stages)
-    some = shut if rng.random() < closed else opened
+    shut, opened = pictures(folder)
+    some = (shut if rng.random() < closed else opened) or shut or opened
     one = some[int(rng.integers(len(some)))]
     down, right = one.across
     width_px, roll = math.hypot(down, right) / resize, math.atan2(down, right) - turn_rad
@@ -348,7 +348,7 @@ def cut_canvas(
         lay_canvas(_Frame(each), box, size) for each in (taken, _read_png(folder / f"{one.stem}.shares.png"))
     )
     if canvas is None:  # beside the picture
-        return cut_canvas(folder, size, resize, away_mw / 2, turn_rad, closed, rng, stages)
+        return cut_canvas(folder, size, resize, away_mw / 2, turn_rad, closed, rng)
     return canvas, np.moveaxis(shares.astype(np.float32) / 255, -1, 0)
 
 

@@ -15,6 +15,8 @@ from lipmetrics.forest import Forest, log_odds
 
 REACH = 4.0  # rows, the farthest that a border is moved
 SEEN = (0, 2, 4, 6, 8, 10)  # of the fine maps: brightness and colours against the lips, and against the skin
+# of the way that the forest says; all of it is best in simulated pictures, but people draw real outlines farther out
+SHARE = 0.5
 COUNT = len(SEEN) + 5  # two kinds of log-odds, height, which border, distance from the end
 UPPER, LOWER = 1, -1  # rows from the lip into the opening
 ROWS = 2 * PAD[0] + 1
@@ -31,7 +33,7 @@ def moved(
     for border, side in ((upper, UPPER), (lower, LOWER)):
         seen = straightened(maps, odds, origin, left, upper, lower, side)
         answer = log_odds(forest, seen, PAD, (0, 1), (0, len(border)))[0, 0]
-        off = np.tanh(0.5 * answer.astype(np.float64)) * REACH
+        off = np.tanh(0.5 * answer.astype(np.float64)) * SHARE * REACH
         # neighbours know the same border
         padded = np.concatenate([off[:1], off, off[-1:]])
         found.append(border + side * (padded[:-2] + 2 * padded[1:-1] + padded[2:]) / 4)

@@ -112,15 +112,10 @@ def save_forests(path, forests: dict[str, Forest]) -> None:
     np.savez_compressed(path, **parts)
 
 
-def load_forest(file, name: str, optional: bool = False) -> Forest | None:
-    """One forest of a file written by :func:`save_forests`; InputError if its trees are too deep to be used.
-
-    optional : None where the file has none of this name, instead of an error
-    """
+def load_forest(file, name: str) -> Forest:
+    """One forest of a file written by :func:`save_forests`; InputError if its trees are too deep to be used."""
     try:
         with np.load(file, allow_pickle=False) as parts:
-            if optional and f"{name}_bias" not in parts:
-                return None
             questions, single, leaves, bias = (
                 parts[f"{name}_{one}"] for one in ("questions", "single", "leaves", "bias")
             )

@@ -1,10 +1,10 @@
 """The default method: find the mouth, lay a canvas over it, classify its pixels, decide what is open.
 
-Two stages of one kind of classifier (`lipmetrics.forest`), trained on drawn mouths (`lipmetrics.artificial`) and
-on nothing else: a coarse one that says where the lips are, and a fine one that sees the coarse answer and the
-colours relative to this person's lips and skin. Their answers are made into one mouth by `lipmetrics.decode`; where
-there is a third forest, `lipmetrics.border` sharpens the borders. The canvas follows the mouth, small steps by a part
-only: a still face gives a still measurement.
+Two stages of one kind of classifier (`lipmetrics.forest`), trained on drawn mouths (`lipmetrics.artificial`), the
+second on simulated ones too: a coarse one that says where the lips are, and a fine one that sees the coarse answer and
+the colours relative to this person's lips and skin. Their answers are made into one mouth by `lipmetrics.decode`, and
+`lipmetrics.border` sharpens its borders. The canvas follows the mouth, small steps by a part only: a still face gives
+a still measurement.
 """
 
 from __future__ import annotations
@@ -94,9 +94,9 @@ class LipSettings:
 
 @lru_cache(maxsize=1)
 def forests():
-    """The coarse and the fine forest that come with the package, and that of the borders, None without one."""
+    """The forests that come with the package: coarse, fine, and that of the borders."""
     with resources.as_file(resources.files("lipmetrics") / "data" / "lips.npz") as file:
-        return load_forest(file, "coarse"), load_forest(file, "fine"), load_forest(file, "border", optional=True)
+        return tuple(load_forest(file, name) for name in ("coarse", "fine", "border"))
 
 
 def shrunk(canvas: np.ndarray) -> np.ndarray:
@@ -431,8 +431,7 @@ class _Detector:
             return lost
         box, settings = self._box, self.settings
         score = mouth_score(odds[LIP], mouth)
-        borders = forests()[2]
-        sharpened = borders and partial(border.moved, borders, maps, odds, (region[0], region[2]))
+        sharpened = partial(border.moved, forests()[2], maps, odds, (region[0], region[2]))
         candidates = mouth.openings(settings.switch, sharpened)
         openings = [each for each in candidates if each.height >= settings.min_height_mw * ASPECT * MOUTH]
         needed = settings.sure_above

@@ -18,6 +18,8 @@ _compiling = pytest.StashKey[subprocess.Popen]()
 def pytest_cmdline_main(config):
     """All tests, or all quick ones, run on all cores where pytest-xdist is installed; a file's tests stay together."""
     option = config.option
+    if hasattr(config, "workerinput"):
+        return
     whole = config.args_source is pytest.Config.ArgsSource.TESTPATHS and not option.keyword and not option.usepdb
     if whole and config.pluginmanager.hasplugin("xdist") and option.numprocesses is None and option.dist == "no":
         option.numprocesses, option.dist, option.loadscopereorder = "auto", "loadfile", False

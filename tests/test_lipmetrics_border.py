@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lipmetrics.border import COUNT, LOWER, REACH, ROWS, SEEN, UPPER, moved, straightened
+from lipmetrics.border import COUNT, LOWER, REACH, ROWS, SEEN, SHARE, UPPER, moved, straightened
 from lipmetrics.errors import InputError
 from lipmetrics.features import FINE_COUNT, PAD
 from lipmetrics.forest import Forest, load_forest, save_forests
@@ -50,7 +50,7 @@ def test_a_border_is_moved_into_the_opening_by_what_the_forest_says():
     upper, lower = np.full(9, 20.0), np.full(9, 40.0)
     for answer in (-1.5, 0.8):
         above, below = moved(always(answer), maps, odds, (0, 0), 10, upper, lower)
-        off = np.tanh(answer / 2) * REACH
+        off = np.tanh(answer / 2) * SHARE * REACH
         np.testing.assert_allclose(above, 20 + off, atol=1e-4)
         np.testing.assert_allclose(below, 40 - off, atol=1e-4)
 
@@ -70,10 +70,8 @@ def test_the_answer_does_not_depend_on_the_region_that_is_looked_at():
     np.testing.assert_array_equal(whole[:, 4:-4], part[:, 4:-4])
 
 
-def test_a_file_without_a_border_forest_leaves_the_borders_alone(tmp_path):
+def test_a_file_without_a_border_forest_is_refused(tmp_path):
     path = tmp_path / "one.npz"
     save_forests(path, {"coarse": always(1.0)})
-    assert load_forest(path, "border", optional=True) is None
-    np.testing.assert_array_equal(load_forest(path, "coarse", optional=True).bias, load_forest(path, "coarse").bias)
     with pytest.raises(InputError, match="'border'"):
         load_forest(path, "border")

@@ -73,16 +73,14 @@ def test_heights_and_numbers_of_openings_are_those_of_the_truth(album):
 def test_a_cut_canvas_has_its_mouth_where_and_as_large_as_asked(album):
     for seed in range(6):
         rng = np.random.default_rng(seed)
-        canvas, shares = canvases.cut_canvas(album, CANVAS, 1.0, np.zeros(2), 0.0, 0.5, rng, stages=3)
+        canvas, shares = canvases.cut_canvas(album, CANVAS, 1.0, np.zeros(2), 0.0, 0.5, rng)
         assert canvas.shape == (*CANVAS, 3) and canvas.dtype == np.uint8
         assert shares.shape == (3, *CANVAS) and shares.dtype == np.float32
         rows, cols = (np.flatnonzero((shares[LIP] > 0.5).any(axis=axis)) for axis in (1, 0))
         assert abs((rows[0] + rows[-1]) / 2 - (CANVAS[0] - 1) / 2) < 2
         assert abs((cols[0] + cols[-1]) / 2 - (CANVAS[1] - 1) / 2) < 3
         assert np.ptp(cols) == pytest.approx(MOUTH, abs=6)
-    moved = canvases.cut_canvas(
-        album, CANVAS, 1.0, np.array([0.1, -0.2]), 0.0, 0.5, np.random.default_rng(5), stages=3
-    )[1]
+    moved = canvases.cut_canvas(album, CANVAS, 1.0, np.array([0.1, -0.2]), 0.0, 0.5, np.random.default_rng(5))[1]
     row, col = (np.average(np.arange(n), weights=moved[LIP].sum(axis=1 - k)) for k, n in enumerate(CANVAS))
     now_row, now_col = (np.average(np.arange(n), weights=shares[LIP].sum(axis=1 - k)) for k, n in enumerate(CANVAS))
     assert row - now_row == pytest.approx(0.1 * 2 * MOUTH, abs=1)
@@ -92,7 +90,7 @@ def test_a_cut_canvas_has_its_mouth_where_and_as_large_as_asked(album):
 def test_shut_mouths_come_as_often_as_asked(album):
     for closed in (0.0, 1.0):
         cut = [
-            canvases.cut_canvas(album, CANVAS, 1.0, np.zeros(2), 0.0, closed, np.random.default_rng(n), stages=3)[1]
+            canvases.cut_canvas(album, CANVAS, 1.0, np.zeros(2), 0.0, closed, np.random.default_rng(n))[1]
             for n in range(4)
         ]
         assert all((shares[OPENING].max() > 0) == (closed == 0) for shares in cut)

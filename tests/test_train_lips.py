@@ -314,13 +314,5 @@ def test_a_quick_try_does_not_replace_the_shipped_forests(monkeypatch, capsys):
     assert "-o FILE" in capsys.readouterr().err
 
 
-def test_forests_of_an_album_do_not_replace_the_shipped_ones(monkeypatch, capsys):
-    monkeypatch.setattr(train, "solve_motions", lambda *_: pytest.fail("began to train"))
-    monkeypatch.setattr(sys, "argv", ["train_lips.py", "--album", "album"])
-    with pytest.raises(SystemExit):
-        train.main()
-    assert "-o FILE with --album" in capsys.readouterr().err
-
-
 def _rng():
     return np.random.default_rng(6)
