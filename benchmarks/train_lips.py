@@ -143,9 +143,7 @@ FINE_STAGE = Stage(
     spread_px=5.0,  # half of the height of a lip on this canvas
     nearby=0.4,  # the border of an opening is told by the pixels at both sides of it
 )
-MIXED_STAGE = replace(FINE_STAGE, sets=("mixed",))
-# its weight beside the other in the forest that is used: alone it measures simulated mouths better, videos of people worse
-# (README.md says what 0, a third, a half and 1 come to)
+# of the fine forest that has seen simulated mouths, beside the one that has not; README.md has figures for 0, 1/2 and 1
 MIXED_WEIGHT = 1 / 3
 BORDER_STAGE = Stage(
     name="border",
@@ -559,12 +557,13 @@ def main() -> None:
     scale, processes = options.scale, options.processes
     with tempfile.TemporaryDirectory() as passing:
         album = options.album or Path(passing)
-        motions, stages = (math.ceil(scale * whole) for whole in (MOTIONS, STAGES))
+        motions, looks = (math.ceil(scale * whole) for whole in (MOTIONS, STAGES))
         solve_motions(album, processes, motions)
-        draw_pictures(album, processes, stages, motions)
+        draw_pictures(album, processes, looks, motions)
         coarse = train_stage(COARSE_STAGE, coarse_example, scale, processes)
         example = partial(fine_example, coarse, album=album)
-        drawn, mixed = (train_stage(stage, example, scale, processes) for stage in (FINE_STAGE, MIXED_STAGE))
+        stages = (FINE_STAGE, replace(FINE_STAGE, sets=("mixed",)))
+        drawn, mixed = (train_stage(stage, example, scale, processes) for stage in stages)
         fine = both(drawn, mixed, MIXED_WEIGHT)
         borders = train_borders(partial(border_example, coarse, fine, album=album), scale, processes)
     forests = {"coarse": coarse, "fine": fine, "border": borders}

@@ -274,6 +274,14 @@ def test_the_same_seed_gives_the_same_file_whatever_the_processes(tmp_path, monk
     assert (tmp_path / "1.npz").read_bytes() == (tmp_path / "2.npz").read_bytes()
 
 
+def test_both_forests_answer_with_their_weighted_mean(coarse):
+    rng = _rng()
+    other = replace(coarse, leaves=-2 * coarse.leaves + 0.1, bias=coarse.bias + 1)
+    maps = rng.integers(0, 255, (train.COARSE_COUNT, 9 + 2 * PAD[0], 11 + 2 * PAD[1])).astype(np.uint8)
+    one, two, mean = (log_odds(f, maps, PAD, (0, 9), (0, 11)) for f in (coarse, other, train.both(coarse, other, 0.25)))
+    np.testing.assert_allclose(mean, 0.75 * one + 0.25 * two, atol=1e-3)
+
+
 # --- borders
 
 
