@@ -265,11 +265,13 @@ def test_the_same_seed_gives_the_same_forest_whatever_the_threads():
 
 @pytest.mark.slow
 def test_the_same_seed_gives_the_same_file_whatever_the_processes(tmp_path, monkeypatch):
-    monkeypatch.setattr(train, "COARSE_STAGE", replace(train.COARSE_STAGE, **TINY))
-    monkeypatch.setattr(train, "FINE_STAGE", replace(train.FINE_STAGE, **TINY))
+    for stage in ("COARSE_STAGE", "FINE_STAGE", "BORDER_STAGE"):
+        monkeypatch.setattr(train, stage, replace(getattr(train, stage), **TINY))
     for processes in ("1", "2"):
         out = str(tmp_path / f"{processes}.npz")
-        monkeypatch.setattr(sys, "argv", ["train_lips.py", "-o", out, "--scale", "0.002", "--processes", processes])
+        kept = ["--album", str(tmp_path / "album")]  # test_simulated_canvases.py says that the pictures are the same
+        words = ["train_lips.py", "-o", out, "--scale", "0.002", "--processes", processes, *kept]
+        monkeypatch.setattr(sys, "argv", words)
         train.main()
     assert (tmp_path / "1.npz").read_bytes() == (tmp_path / "2.npz").read_bytes()
 
