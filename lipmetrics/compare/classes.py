@@ -15,7 +15,7 @@ from lipmetrics.errors import InputError
 MEASURES = ("dtw", "hausdorff")
 MEASURE = "dtw"
 # narrower than that of `align`: which movement it is lies in its timing too, and a wide band warps one into another.
-# The widest band within a standard error of the best rate on simulated and real takes (docs/validation.md)
+# The best rate on simulated and real takes (docs/validation.md)
 RECOGNITION_BAND = 0.02
 
 
