@@ -15,7 +15,7 @@ from lipmetrics.forest import Forest, log_odds
 
 REACH = 4.0  # rows, the farthest that a border is moved
 SEEN = (0, 2, 4, 6, 8, 10)  # of the fine maps: brightness and colours against the lips, and against the skin
-# of the way that the forest says; all of it is best in simulated pictures, but people draw real outlines farther out
+# of the way that the forest says: simulated mouths hardly gain by more, and people draw real outlines farther out
 SHARE = 0.5
 COUNT = len(SEEN) + 5  # two kinds of log-odds, height, which border, distance from the end
 UPPER, LOWER = 1, -1  # rows from the lip into the opening
