@@ -554,6 +554,11 @@ def main() -> None:
         parser.error("expected --processes of at least 1 and --scale above 0 and up to 1")
     if options.scale < 1 and options.output is None:
         parser.error("expected -o FILE with --scale: a quick try does not replace the package's own forests")
+    if options.album is not None:
+        try:
+            options.album.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            parser.error(f"expected --album FOLDER that can be written to, got {options.album}: {error.strerror}")
     scale, processes = options.scale, options.processes
     with tempfile.TemporaryDirectory() as passing:
         album = options.album or Path(passing)

@@ -324,5 +324,14 @@ def test_a_quick_try_does_not_replace_the_shipped_forests(monkeypatch, capsys):
     assert "-o FILE" in capsys.readouterr().err
 
 
+def test_an_album_that_cannot_be_made_is_refused(monkeypatch, capsys, tmp_path):
+    (tmp_path / "file").write_text("")
+    monkeypatch.setattr(train, "solve_motions", lambda *_: pytest.fail("began to train"))
+    monkeypatch.setattr(sys, "argv", ["train_lips.py", "--album", str(tmp_path / "file")])
+    with pytest.raises(SystemExit) as ended:
+        train.main()
+    assert ended.value.code == 2 and "--album FOLDER" in capsys.readouterr().err
+
+
 def _rng():
     return np.random.default_rng(6)
