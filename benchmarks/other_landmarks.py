@@ -1,7 +1,9 @@
 """Lips as other tools see them: one JSON line per frame of a video, on stdout. Needs the tool, OpenCV and numpy only.
 
     python benchmarks/other_landmarks.py mediapipe VIDEO...
-    python benchmarks/other_landmarks.py dlib VIDEO...    # DLIB_PREDICTOR names its file of 68 points
+    python benchmarks/other_landmarks.py dlib VIDEO...
+
+dlib's file of 68 points is the one that DLIB_PREDICTOR names, or that of the package face_recognition_models.
 
 A line has `video`, `frame`, `inner` (the inner lips as a polygon of x, y in px) and `ends` (of the mouth), or null for
 both where no face was found. It is run by validate_others.py, in an environment of its own.
@@ -9,9 +11,11 @@ both where no face was found. It is run by validate_others.py, in an environment
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import os
 import sys
+from pathlib import Path
 
 import cv2
 
@@ -44,13 +48,21 @@ def mediapipe_lips():
     return lips
 
 
+def packaged_predictor() -> str | None:
+    """The file of 68 points in the package face_recognition_models, None where that is not installed."""
+    package = importlib.util.find_spec("face_recognition_models")  # not imported: it asks for more packages
+    if package is None:
+        return None
+    return str(Path(package.submodule_search_locations[0]) / "models" / "shape_predictor_68_face_landmarks.dat")
+
+
 def dlib_lips():
     """As above; a face is looked for in every frame."""
     import dlib
 
-    predictor = os.environ.get("DLIB_PREDICTOR")
+    predictor = os.environ.get("DLIB_PREDICTOR") or packaged_predictor()
     if not predictor:
-        raise ImportError("DLIB_PREDICTOR is not set; dlib brings no file of landmarks")
+        raise ImportError("dlib brings no file of landmarks; set DLIB_PREDICTOR or install face_recognition_models")
     find, shape = dlib.get_frontal_face_detector(), dlib.shape_predictor(predictor)
 
     def lips(rgb):

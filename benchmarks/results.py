@@ -11,7 +11,7 @@ import pandas as pd
 RESULTS = Path(__file__).with_name("RESULTS.md")
 SECTIONS = (
     *("accuracy", "speed", "solver", "stress", "mouth", "findings"),
-    *("compare", "recognition", "likeness", "study", "corpus", "levels", "validate", "calibration"),
+    *("compare", "recognition", "likeness", "study", "corpus", "levels", "validate", "others", "calibration"),
     *("tradeoff_detector", "tradeoff_simulator", "tradeoff_comparison", "regression"),
 )
 

