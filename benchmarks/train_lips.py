@@ -359,24 +359,39 @@ def read_pixels(example: Example, questions: Questions, edges: np.ndarray | None
     return answers if edges is None else to_bins(answers, edges), shares[:, rows, cols].T
 
 
-def read_all(example, questions, edges, tasks, processes) -> tuple[np.ndarray, np.ndarray]:
+class Workers:
+    """Processes for a whole training, as starting them takes seconds; a single one works here. To be used in `with`."""
+
+    def __init__(self, processes: int = 1):
+        self.processes = processes
+        # not forked: OpenCV's threads do not survive it; they are started when the first tasks come
+        context = get_context("spawn")
+        self._pool = ProcessPoolExecutor(processes, context, cv2.setNumThreads, (1,)) if processes > 1 else None
+
+    def __enter__(self) -> Workers:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._pool is not None:
+            self._pool.shutdown(cancel_futures=True)
+
+    def map(self, work: Callable, tasks: list) -> Iterator:
+        """What the work makes of each task, in order."""
+        return map(work, tasks) if self._pool is None else self._pool.map(work, tasks, chunksize=16)
+
+
+ALONE = Workers()
+
+
+def read_all(example, questions, edges, tasks, workers: Workers) -> tuple[np.ndarray, np.ndarray]:
     """:func:`read_pixels` of all tasks in order, side by side: (F, N) and (N, 3)."""
     answers = np.empty((len(questions.single), PIXELS * len(tasks)), np.int16 if edges is None else np.uint8)
     shares = np.empty((PIXELS * len(tasks), len(SHARES)), np.float32)
-    done = _spread(partial(read_pixels, example, questions, edges), tasks, processes)
+    done = workers.map(partial(read_pixels, example, questions, edges), tasks)
     for n, (some, their_shares) in enumerate(done):
         here = slice(n * PIXELS, (n + 1) * PIXELS)
         answers[:, here], shares[here] = some, their_shares
     return answers, shares
-
-
-def _spread(work: Callable, tasks: list, processes: int) -> Iterator:
-    if processes == 1:
-        yield from map(work, tasks)
-        return
-    # not forked: OpenCV's threads do not survive it
-    with ProcessPoolExecutor(processes, get_context("spawn"), cv2.setNumThreads, (1,)) as pool:
-        yield from pool.map(work, tasks, chunksize=16)
 
 
 def bin_edges(answers: np.ndarray) -> np.ndarray:
@@ -490,16 +505,16 @@ def log_loss(odds: np.ndarray, shares: np.ndarray) -> np.ndarray:
     return (np.logaddexp(0, odds) - shares * odds).mean(axis=0, dtype=float)
 
 
-def train_stage(stage: Stage, example: Example, scale: float = 1.0, processes: int = 1) -> Forest:
+def train_stage(stage: Stage, example: Example, scale: float = 1.0, workers: Workers = ALONE) -> Forest:
     """Draw the stage's canvases, `scale` times as many as its sets say, and grow its forest."""
     rng = np.random.default_rng([SEED, *stage.name.encode()])
     tasks = [(SETS[name], i) for name in stage.sets for i in range(max(1, round(scale * SETS[name].count)))]
     questions = random_questions(stage, rng)
     some = tasks[:: max(1, len(tasks) // EDGE_CANVASES)]
-    edges = bin_edges(read_all(example, questions, None, some, processes)[0])
-    bins, shares = read_all(example, questions, edges, tasks, processes)
+    edges = bin_edges(read_all(example, questions, None, some, workers)[0])
+    bins, shares = read_all(example, questions, edges, tasks, workers)
     print(f"{stage.name}: {len(tasks)} canvases, {len(shares)} pixels", flush=True)
-    return grow(stage, questions, edges, bins, shares[:, : stage.outputs], rng, processes)
+    return grow(stage, questions, edges, bins, shares[:, : stage.outputs], rng, workers.processes)
 
 
 def both(one: Forest, other: Forest, weight: float) -> Forest:
@@ -525,19 +540,19 @@ def read_borders(example, questions: Questions, task: tuple[CanvasSet, int]) -> 
     return np.concatenate(answers, axis=1), np.concatenate(shares)
 
 
-def train_borders(example, scale: float = 1.0, processes: int = 1) -> Forest:
+def train_borders(example, scale: float = 1.0, workers: Workers = ALONE) -> Forest:
     """Grow the forest that moves borders, as :func:`train_stage`."""
     stage = BORDER_STAGE
     rng = np.random.default_rng([SEED, *stage.name.encode()])
     tasks = [(SETS[name], i) for name in stage.sets for i in range(max(1, round(scale * SETS[name].count)))]
     questions = random_questions(stage, rng)
-    read = list(_spread(partial(read_borders, example, questions), tasks, processes))
+    read = list(workers.map(partial(read_borders, example, questions), tasks))
     answers, shares = (
         np.concatenate(each, axis=axis) for each, axis in zip(zip(*read, strict=True), (1, 0), strict=True)
     )
     edges = bin_edges(answers[:, :: max(1, answers.shape[1] // (EDGE_CANVASES * PIXELS))])
     print(f"{stage.name}: {len(tasks)} canvases, {len(shares)} places", flush=True)
-    return grow(stage, questions, edges, to_bins(answers, edges), shares, rng, processes)
+    return grow(stage, questions, edges, to_bins(answers, edges), shares, rng, workers.processes)
 
 
 # --- command line
@@ -560,17 +575,17 @@ def main() -> None:
         except OSError as error:
             parser.error(f"expected --album FOLDER that can be written to, got {options.album}: {error.strerror}")
     scale, processes = options.scale, options.processes
-    with tempfile.TemporaryDirectory() as passing:
+    with tempfile.TemporaryDirectory() as passing, Workers(processes) as workers:
         album = options.album or Path(passing)
         motions, looks = (math.ceil(scale * whole) for whole in (MOTIONS, STAGES))
         solve_motions(album, processes, motions)
         draw_pictures(album, processes, looks, motions)
-        coarse = train_stage(COARSE_STAGE, coarse_example, scale, processes)
+        coarse = train_stage(COARSE_STAGE, coarse_example, scale, workers)
         example = partial(fine_example, coarse, album=album)
         stages = (FINE_STAGE, replace(FINE_STAGE, sets=("mixed",)))
-        drawn, mixed = (train_stage(stage, example, scale, processes) for stage in stages)
+        drawn, mixed = (train_stage(stage, example, scale, workers) for stage in stages)
         fine = both(drawn, mixed, MIXED_WEIGHT)
-        borders = train_borders(partial(border_example, coarse, fine, album=album), scale, processes)
+        borders = train_borders(partial(border_example, coarse, fine, album=album), scale, workers)
     forests = {"coarse": coarse, "fine": fine, "border": borders}
     with whole_file(options.output or WRITTEN_TO) as part, part.open("wb") as file:
         save_forests(file, forests)

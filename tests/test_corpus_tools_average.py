@@ -215,6 +215,7 @@ def test_parquet(store, tmp_path, monkeypatch, capsys):
         assert read["stickiness"].tolist() == text["stickiness"].tolist()
 
 
+@pytest.mark.slow
 def test_figures_show_every_level_and_speaker(store):
     groups = [group for group in average_groups(read_takes_of(store), ["action", "stickiness"])][:4]
     curves = {f"stickiness {g.fields['stickiness']}": (g.average, g.average.spread) for g in groups}

@@ -300,6 +300,7 @@ def kill_at_random(folder, store, rng, longest_s, kills_n, of_worker):
             return killed
 
 
+@pytest.mark.slow
 def test_real_processes(tmp_path):
     """One kill of the run and one of a worker; the store says what `measure` says."""
     folder, whole, store = tmp_path / "clips", tmp_path / "whole.h5", tmp_path / "s.h5"

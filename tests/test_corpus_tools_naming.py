@@ -189,6 +189,7 @@ def random_name(rng, template):
     return "".join(signs)
 
 
+@pytest.mark.slow
 def test_ten_thousand_names_come_back_or_are_refused():
     rng = np.random.default_rng(20)
     valid_n = refused_n = 0

@@ -132,6 +132,7 @@ def test_without_labels_all_takes_are_one_utterance(run):
     assert "all takes count as one utterance" in out and "Not every speaker is known" in out
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_bytes(run, folder):
     words = ("score", "near", "--reference", "real", *NAMES, "--draws", 20)
     for out in ("one", "two"):

@@ -215,6 +215,7 @@ def test_a_mouth_that_opens_and_closes_is_seen_to_do_so(frames_n):
     assert all(look.status == CLOSED for look, each in zip(looks, true_mw, strict=True) if each < 0.005)
 
 
+@pytest.mark.slow
 def test_a_mouth_that_leaves_the_picture_is_gone_until_it_comes_back():
     size = (170, 230)
     there, away, back = np.full(5, 115), np.full(12, -130), np.full(20, 130)

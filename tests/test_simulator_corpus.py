@@ -82,6 +82,7 @@ def test_a_person_is_the_same_in_all_clips_but_for_the_noise(scene):
     assert (one.saliva.stickiness, again.saliva.stickiness) == (0, 7)
 
 
+@pytest.mark.slow
 def test_the_corpus_is_made_and_read(scene, here, tmp_path):
     made = make_corpus(corpus_of(scene, repeats_n=2), tmp_path / "a")
     assert (made["clips_n"], made["made_n"], made["unchanged_n"], made["failed"]) == (8, 8, 0, [])
@@ -102,6 +103,7 @@ def test_the_corpus_is_made_and_read(scene, here, tmp_path):
     assert contents(tmp_path / "b") == files
 
 
+@pytest.mark.slow
 def test_what_is_there_is_not_made_again(scene, here, tmp_path, monkeypatch):
     folder, made = tmp_path / "a", []
     before = corpora.make_clip

@@ -98,6 +98,7 @@ def test_lips_are_pressed_together_and_blown_apart(mouth):
     assert ring[upper, 1] < 0
 
 
+@pytest.mark.slow
 def test_force_does_not_depend_on_the_mesh():
     """Sum, place and spread of the force of one side."""
     found = []

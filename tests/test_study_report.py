@@ -166,6 +166,7 @@ def test_catch_trials_and_who_was_left_out_are_told():
 # -- files ------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_files_of_other_peoples_data_are_whole_and_the_same_each_time(own, tmp_path, capsys):
     folders = [tmp_path / "one", tmp_path / "two"]
     for folder in folders:

@@ -38,12 +38,14 @@ def older():
     return {scene: truths(scene, likeness.HIDDEN["older"]) for scene in SCENES}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", SCENES)
 def test_sticky_model_is_nearer_in_width(older, scene):
     width = likeness.likeness(*older[scene]).loc["width"]
     assert (width["sticky"] < 0.7 * width["non-sticky"]).all(), width
 
 
+@pytest.mark.slow
 def test_width_jumps_where_two_openings_merge(older):
     real, models = older["double_opening"]
     for take in (real, models["sticky"]):
@@ -52,6 +54,7 @@ def test_width_jumps_where_two_openings_merge(older):
     assert likeness.merge_jump(models["non-sticky"]) is None
 
 
+@pytest.mark.slow
 def test_models_end_at_the_height_of_the_recording(older):
     for real, models in older.values():
         assert models["non-sticky"].channels["height"][-1] == pytest.approx(real.channels["height"][-1], abs=0.01)
@@ -162,8 +165,8 @@ def test_chosen_band_is_the_widest_within_a_standard_error_of_the_best():
 
 @pytest.mark.slow
 def test_utterances_of_unseen_faces_are_recognised_well_above_chance():
-    training = utterances.spoken(("average", "older", "cupid"), levels=(0.0, 7.0), repeats=1)
-    queries = utterances.spoken(("long_chin",), levels=(0.0, 7.0), repeats=2)
+    training = utterances.spoken(("average", "older"), levels=(0.0, 7.0), repeats=1)
+    queries = utterances.spoken(("long_chin",), levels=(0.0, 7.0), repeats=1)
     made = recognition.averages(recognition.grouped(training), rate_hz=60)
     found = recognition.classify_all([one.take for one in queries], made, rate_hz=60)
     right = np.mean([one.label == query.utterance for one, query in zip(found, queries, strict=True)])
