@@ -39,9 +39,12 @@ def masses(model: Model, factors: np.ndarray | float = 1.0) -> np.ndarray:
     return geometry.lumped_mass(model.nodes, model.elements, density * factors)
 
 
-def element_arrays(model: Model, parts: Partition, dtype: type, dt: float):
-    """H8Elements, T4Elements or T4ANPElements of a model; dt (s) enters the viscous terms only."""
-    L = LANES[np.dtype(dtype)]
+def element_arrays(model: Model, parts: Partition, dtype: type, dt: float, lanes: int | None = None):
+    """H8Elements, T4Elements or T4ANPElements of a model, in batches of `lanes` elements; None: of one register.
+
+    dt (s) enters the viscous terms only.
+    """
+    L = lanes or LANES[np.dtype(dtype)]
     order = parts.elements
     stored_at = np.empty(len(model.nodes), np.int32)
     stored_at[parts.nodes] = np.arange(len(model.nodes), dtype=np.int32)

@@ -8,7 +8,7 @@ A fixed number of parts, not of threads, sums the forces, so that the result doe
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import sparse
@@ -56,10 +56,10 @@ def partition(elements: np.ndarray, law: np.ndarray, n_nodes: int, parts: int | 
         nodes = _along_edges(elements, chains)
         if np.ptp(law) == 0 and sum(-len(chain) % GRANULE for chain in chains) <= MOST_EMPTY * len(elements):
             chains = [np.append(chain, np.full(-len(chain) % GRANULE, -1)) for chain in chains]
-        order = _laws_apart(np.concatenate(chains), law)
+        order = _laws_apart(np.concatenate(chains), law, GRANULE)
         order = _interleaved(order, elements)
     else:
-        order = _laws_apart(_cuthill_mckee(_touching(np.arange(len(elements)), elements)), law)
+        order = _laws_apart(_cuthill_mckee(_touching(np.arange(len(elements)), elements)), law, GRANULE)
         touches = elements[order[order >= 0]].ravel()
         nodes = touches[np.sort(np.unique(touches, return_index=True)[1])]
     stored_at = np.empty(n_nodes, np.int64)
@@ -80,6 +80,17 @@ def partition(elements: np.ndarray, law: np.ndarray, n_nodes: int, parts: int | 
             if len(inside):
                 touched[p, q] = inside[0], inside[-1] + 1
     return Partition(order, nodes, element_starts, node_starts, touched)
+
+
+def in_batches(parts: Partition, law: np.ndarray, batch: int, count: int) -> Partition:
+    """The same order in whole batches of `batch` elements of one law, the batches shared out to `count` parts.
+
+    The nodes and what is said of them stay as they are.
+    """
+    order = _laws_apart(parts.elements[parts.elements >= 0], law, batch)
+    batches = -(-len(order) // batch)
+    starts = np.minimum(batch * (np.arange(count + 1) * batches // count), len(order))
+    return replace(parts, elements=order, element_starts=starts)
 
 
 def _touching(group: np.ndarray, elements: np.ndarray) -> sparse.csr_array:
@@ -136,10 +147,10 @@ def _interleaved(order: np.ndarray, elements: np.ndarray) -> np.ndarray:
     return np.concatenate([whole.ravel(), order[whole.size :]])
 
 
-def _laws_apart(order: np.ndarray, law: np.ndarray) -> np.ndarray:
+def _laws_apart(order: np.ndarray, law: np.ndarray, batch: int) -> np.ndarray:
     """The order, grouped by law, each group but the last filled up with -1 to whole batches."""
     if np.ptp(law) == 0:
         return order
     groups = [order[law[order] == number] for number in np.unique(law)]
-    filled = [np.append(group, np.full(-len(group) % GRANULE, -1)) for group in groups[:-1]]
+    filled = [np.append(group, np.full(-len(group) % batch, -1)) for group in groups[:-1]]
     return np.concatenate([*filled, groups[-1]])
