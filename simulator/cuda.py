@@ -32,7 +32,8 @@ except ImportError:  # a numba without CUDA
     cuda = None
 
 # Of a block; fewer in numba's simulator, where each is a thread of the processor.
-THREADS = 64 if cuda and config.ENABLE_CUDASIM else 256
+THREADS = 32 if cuda and config.ENABLE_CUDASIM else 256
+CACHED = not (cuda and config.ENABLE_CUDASIM)  # what is compiled, for later processes
 FEW_ELEMENTS = 8000  # up to which a block takes a quarter of its threads' number of elements, above it half
 ROUND = 4  # places that a node reads at once
 
@@ -445,7 +446,7 @@ def _kernel(real: type, total: type, lanes: int, tetrahedra: bool):
     """The kernel `_steps` for elements and nodal sums of these types; compiled at its first launch on a machine."""
     steps = _Twins(real, total, lanes, tetrahedra).plain(_steps)
     steps.__qualname__ += f"_{real.__name__}_{total.__name__}_{lanes}_{tetrahedra}"  # names its place in numba's cache
-    return cuda.jit(cache=not config.ENABLE_CUDASIM)(steps)
+    return cuda.jit(cache=CACHED)(steps)
 
 
 # ---- from the processor's side --------------------------------------------------------------------------------------
