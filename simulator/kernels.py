@@ -1043,7 +1043,7 @@ def largest_area_stretch(elements, D, W, u):
         mean = (a00 + a11 + a22) / 3.0
         b00, b11, b22 = a00 - mean, a11 - mean, a22 - mean
         spread = np.sqrt((b00 * b00 + b11 * b11 + b22 * b22 + 2.0 * (a01 * a01 + a02 * a02 + a12 * a12)) / 6.0)
-        if spread > 0.0:
+        if spread > 0.0 and mean + 2.0 * spread > most:  # else it cannot be the largest
             det = b00 * (b11 * b22 - a12 * a12) - a01 * (a01 * b22 - a12 * a02) + a02 * (a01 * a12 - b11 * a02)
             half = min(max(det / (2.0 * spread**3), -1.0), 1.0)
             mean += 2.0 * spread * np.cos(np.arccos(half) / 3.0)

@@ -14,6 +14,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
+from simulator.elements import row_numbers
 from simulator.simd import RUN_ORDER
 
 
@@ -109,13 +110,15 @@ def _cuthill_mckee(links: sparse.csr_array) -> np.ndarray:
 
 def _chains(elements: np.ndarray) -> list[np.ndarray]:
     """Rows of hexahedra (E, 8): each next one has at corners 0, 3, 4, 7 what the one before has at 1, 2, 5, 6."""
-    starts = {tuple(face): e for e, face in enumerate(elements[:, [0, 3, 4, 7]].tolist())}
-    following = [starts.get(tuple(face), -1) for face in elements[:, [1, 2, 5, 6]].tolist()]
-    has_previous = np.zeros(len(elements), bool)
-    has_previous[[f for f in following if f >= 0]] = True
-    taken = np.zeros(len(elements), bool)
+    faces = row_numbers(np.concatenate([elements[:, [0, 3, 4, 7]], elements[:, [1, 2, 5, 6]]]))
+    starts, ends = faces[: len(elements)], faces[len(elements) :]
+    beginning_at = np.full(len(faces), -1)
+    beginning_at[starts] = np.arange(len(elements))
+    following = beginning_at[ends].tolist()
+    has_previous = np.isin(starts, ends)
+    taken = [False] * len(elements)
     chains = []
-    for first in np.argsort(has_previous, kind="stable"):  # rings, which have no first element, come last
+    for first in np.argsort(has_previous, kind="stable").tolist():  # rings, which have no first element, come last
         chain = []
         e = first
         while e >= 0 and not taken[e]:

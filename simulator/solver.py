@@ -170,6 +170,7 @@ class _Run:
             factors *= timestep.mass_factors(model, lightest_dt_s / math.sqrt(mass_scaling))
         self.mass = assembly.masses(model, factors)
         self.parts: Partition = partition(model.elements, assembly.laws(model), len(model.nodes))
+        self.stored_at = np.argsort(self.parts.nodes)  # record of each node
         self.visits, self.lanes = self.parts, None
         if self.card is not None:
             self.visits, self.lanes = self._visits_of_card()
@@ -183,9 +184,8 @@ class _Run:
         self.film, self.film_order = assembly.film_arrays(model, self.parts)
         self.events = [] if model.saliva is None else sorted({lick.time_s for lick in model.saliva.licks})
         self.energy_arrays = assembly.energy_arrays(model)
-        volume = assembly.geometry.volumes(model.nodes, model.elements)
         modulus = np.array([material.wave_modulus_pa for material in model.materials])[model.material_of]
-        self.floor = ENERGY_FLOOR * float(volume @ modulus)
+        self.floor = ENERGY_FLOOR * float(model.volumes @ modulus)
         self.added_mass = float(self.mass.sum() / assembly.masses(model).sum() - 1)
         self.skipped_s = 0.0
         self.stop: Stop | None = None
@@ -196,7 +196,7 @@ class _Run:
         self._build(dt)
         self.state = _State(self._live_arrays(), dt)
         self.last_good = None
-        self._step_for_interval()
+        self._step_for_interval(self._stored("u"))
         self._save_due()
         if self.auto:
             self.last_good = self.state.copy()
@@ -297,7 +297,7 @@ class _Run:
         state.ledger[3:5] *= ratio**2
         state.ledger[5] /= ratio
         state.base_s, state.step, state.dt = self.time, 0, dt
-        stored = assembly.compliances(self.model, dt, self.mass)[self.parts.nodes]
+        stored = np.take(assembly.compliances(self.model, dt, self.mass), self.parts.nodes, axis=0)
         self.nodes.compliance[: len(stored), :3] = stored
         self._set_scheme(dt)
         if self.elements.terms:  # the factors of the viscous terms follow the step, their stresses stay
@@ -340,22 +340,19 @@ class _Run:
         """Step, counted from the base time, of the next state to save."""
         return round((self.times[self.state.next_output] - self.state.base_s) / self.state.dt)
 
-    def _step_for_interval(self) -> None:
-        """With dt "auto": a step that ends on the next saved time and is stable as the elements now are."""
+    def _step_for_interval(self, u: np.ndarray) -> None:
+        """With dt "auto": a step that ends on the next saved time and is stable at the displacements u (N, 3), m."""
         state = self.state
         if not self.auto or state.next_output >= len(self.times):
             return
         interval = self.times[state.next_output] - self.time
         if interval <= 0:
             return
-        limit = self.limit * self._shortening()
+        # Waves cross the most squeezed element faster than they do at rest.
+        limit = self.limit * (1 / kernels.largest_area_stretch(*self.energy_arrays[:3], u))
         dt = interval / math.ceil(interval / limit - 1e-9)
         if not limit / 2 < state.dt <= limit or abs(interval / state.dt - round(interval / state.dt)) > 1e-6:
             self._change_step(dt)
-
-    def _shortening(self) -> float:
-        """What part of the stable step at rest is left, as waves cross the most squeezed element faster."""
-        return 1 / kernels.largest_area_stretch(*self.energy_arrays[:3], self._stored("u"))
 
     # -- steps --
 
@@ -485,7 +482,7 @@ class _Run:
         if self.auto:
             state.base_s, state.step = until, 0
             self._table_of = None
-            self._step_for_interval()
+            self._step_for_interval(self._stored("u"))
             self.last_good = state.copy()
         else:
             state.step = steps
@@ -507,9 +504,7 @@ class _Run:
 
     def _stored(self, name: str) -> np.ndarray:
         """(N, 3) nodal records "u" or "du", m, in the order of the model's nodes."""
-        values = np.empty_like(self.model.nodes)
-        values[self.parts.nodes] = self.state.arrays[name][: len(values), :3]
-        return values
+        return np.ascontiguousarray(np.take(self.state.arrays[name], self.stored_at, axis=0)[:, :3])
 
     def _save_due(self) -> None:
         """Save the present state if its time has come."""
@@ -528,7 +523,7 @@ class _Run:
         while state.next_output < len(self.times) and self._output_step() <= state.step:
             state.next_output += 1  # times closer together than a step
         self._count_calm()
-        self._step_for_interval()
+        self._step_for_interval(u)
 
     def _close_energies(self, logged: np.ndarray) -> int:
         """Complete the ledger of the last saved state, whose velocity the step after it made known."""
