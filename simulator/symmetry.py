@@ -50,19 +50,19 @@ class Half:
         sign = np.full(len(self.whole), -1.0)
         sign[self.kept] = 1.0
 
-        def both(states, still, rest):
-            """States (T, n, 3) of the half, less `still`, mirrored, and `rest` added; one after the other in cache."""
-            whole = np.empty((len(states), *self.whole.shape))
-            for state, values in zip(states, whole, strict=True):
-                np.take(state - still, of_half, axis=0, out=values, mode="clip")
+        def both(states):
+            whole = np.empty((len(motion.time_s), *self.whole.shape))
+            for state, values in zip(states, whole, strict=True):  # one after the other, as each fits the cache
+                np.take(state, of_half, axis=0, out=values, mode="clip")
                 values[:, self.axis] *= sign
-                values += rest
             return whole
 
+        positions = both(state - motion.nodes for state in motion.positions)
+        positions += self.whole
         return dataclasses.replace(
             motion,
-            positions=both(motion.positions, motion.nodes, self.whole),
-            velocities=None if motion.velocities is None else both(motion.velocities, 0.0, 0.0),
+            positions=positions,
+            velocities=None if motion.velocities is None else both(motion.velocities),
             nodes=self.whole,
             energies={name: 2 * values for name, values in motion.energies.items()},
             saliva=self._whole_record(motion.saliva),
