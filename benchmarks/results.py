@@ -10,7 +10,7 @@ import pandas as pd
 
 RESULTS = Path(__file__).with_name("RESULTS.md")
 SECTIONS = (
-    *("accuracy", "speed", "solver", "stress", "mouth", "findings"),
+    *("accuracy", "speed", "solver", "card", "stress", "mouth", "findings"),
     *("compare", "recognition", "likeness", "study", "corpus", "levels", "validate", "others", "calibration"),
     *("tradeoff_detector", "tradeoff_simulator", "tradeoff_comparison", "regression"),
 )

@@ -99,6 +99,7 @@ class Stepper:
         self.elements = assembly.element_arrays(model, division, assembly.PRECISIONS[precision][0], dt)
         self.nodes = assembly.node_arrays(model, division, precision, dt, mass)
         self.loads, curves, _ = assembly.load_arrays(model, division, mass)
+        self.film, _ = assembly.film_arrays(model, division)
         values = [curve.value(dt * np.arange(steps + 2)) for curve in curves]
         self.curves = np.array(values).reshape(len(curves), steps + 2)
         self.gravity = np.zeros((steps + 2, 8))
@@ -108,9 +109,9 @@ class Stepper:
         self.stats = np.zeros((2, len(division.node_starts) - 1, kernels.STATS))
 
     def run(self) -> None:
-        arrived, ledger = np.zeros(1, np.int64), np.append(np.zeros(kernels.LEDGER - 1), 1.0)
-        arrays = (self.elements, self.nodes, self.loads, self.curves, self.gravity)
-        reason, _ = kernels.advance(*arrays, 1, self.steps, 0, 1, arrived, self.scheme, ledger, self.log, self.stats)
+        arrays = (self.elements, self.nodes, self.loads, self.film, self.curves, self.gravity)
+        sums = (np.zeros(1, np.int64), self.scheme, kernels.LEDGER.copy(), self.log, self.stats)
+        reason, _ = kernels.advance(*arrays, 1, self.steps, 0, 1, *sums)
         assert reason == kernels.DONE, reason
 
 

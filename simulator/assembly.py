@@ -36,12 +36,15 @@ def laws(model: Model) -> np.ndarray:
 def masses(model: Model, factors: np.ndarray | float = 1.0) -> np.ndarray:
     """(N,) lumped nodal mass, kg, the mass of each element multiplied by `factors` (E,) or one number."""
     density = np.array([material.density for material in model.materials])[model.material_of]
-    return geometry.lumped_mass(model.nodes, model.elements, density * factors)
+    return geometry.shared_out(model.elements, density * factors * model.volumes, len(model.nodes))
 
 
-def element_arrays(model: Model, parts: Partition, dtype: type, dt: float):
-    """H8Elements, T4Elements or T4ANPElements of a model; dt (s) enters the viscous terms only."""
-    L = LANES[np.dtype(dtype)]
+def element_arrays(model: Model, parts: Partition, dtype: type, dt: float, lanes: int | None = None):
+    """H8Elements, T4Elements or T4ANPElements of a model, in batches of `lanes` elements; None: of one register.
+
+    dt (s) enters the viscous terms only.
+    """
+    L = lanes or LANES[np.dtype(dtype)]
     order = parts.elements
     stored_at = np.empty(len(model.nodes), np.int32)
     stored_at[parts.nodes] = np.arange(len(model.nodes), dtype=np.int32)
@@ -107,23 +110,21 @@ _ROUNDING = 1e-12
 
 def _element_constants(model: Model) -> np.ndarray:
     """(E, Q) in the order of kernels.CONSTANTS."""
-    nodes, elements = model.nodes, model.elements
-    n_elements = len(elements)
-    V = geometry.volumes(nodes, elements)
+    n_elements, V, B = len(model.elements), model.volumes, model.shape_gradients
     shear, bulk, wave = (
         np.array([getattr(material, name) for material in model.materials])[model.material_of]
         for name in ("shear_pa", "bulk_pa", "wave_modulus_pa")
     )
     second = np.where(laws(model) == kernels.ST_VENANT_KIRCHHOFF, bulk - 2 / 3 * shear, bulk)
     if model.element_type == "H8":
-        D, W = geometry.gradient_amplitudes(nodes, elements)
+        D, W = geometry.gradient_amplitudes(B)
         columns = [D.reshape(n_elements, 9), W.reshape(n_elements, 9)]
     else:
-        columns = [geometry.shape_gradients(nodes, elements)[:, 1:].reshape(n_elements, 9)]
+        columns = [B[:, 1:].reshape(n_elements, 9)]
     columns += [(V * shear)[:, None], (V * second)[:, None]]
     if model.element_type == "H8":
-        k = geometry.hourglass_stiffness(nodes, elements, wave, model.hourglass)
-        columns += [k[:, None], geometry.hourglass_extents(nodes, elements).reshape(n_elements, 12)]
+        k = geometry.hourglass_stiffness(B, V, wave, model.hourglass)
+        columns += [k[:, None], geometry.hourglass_extents(model.nodes, model.elements).reshape(n_elements, 12)]
     if model.element_type == "T4ANP":
         columns += [(1 / bulk)[:, None], (V * bulk)[:, None]]
     constants = np.concatenate(columns, axis=1)
@@ -298,7 +299,7 @@ def node_arrays(model: Model, parts: Partition, precision: str, dt: float, mass:
         full[:n_nodes, :3] = values[parts.nodes]
         return full
 
-    V = np.repeat(geometry.volumes(model.nodes, model.elements), model.elements.shape[1])
+    V = np.repeat(model.volumes, model.elements.shape[1])
     at_node = np.bincount(model.elements.ravel(), V, minlength=n_nodes)
     inverse_volume = np.zeros(records)
     inverse_volume[:n_nodes] = 1 / at_node[parts.nodes]
@@ -319,7 +320,8 @@ def node_arrays(model: Model, parts: Partition, precision: str, dt: float, mass:
 def compliances(model: Model, dt: float, mass: np.ndarray) -> np.ndarray:
     """(N, 3) dt^2/m / (1 + alpha dt/2), s2/kg; 0 where held and 1 where prescribed, as kernels.Nodes has it."""
     fixed, moved = constrained(model)
-    values = np.repeat((dt**2 / (1 + model.damping * dt / 2) / mass)[:, None], 3, axis=1)
+    values = np.empty((len(mass), 3))
+    values[:] = (dt**2 / (1 + model.damping * dt / 2) / mass)[:, None]
     values[fixed] = 0.0
     values[moved] = 1.0
     return values

@@ -35,11 +35,12 @@ if TYPE_CHECKING:
 
 DONE, BAD_INPUT, SOME_FAILED, STOPPED = 0, 2, 3, 130
 PRECISIONS = ("float32", "mixed", "float64")
+DEVICES = ("cpu", "cuda")
 RESOLUTIONS = ("low", "medium", "high")
 EXPORTS = ("obj", "pc2", "gltf", "vtu")
 MODELS_ONLY = ("vtu", "velocity")
 CORPUS_ONLY = ("repeats", "jobs", "quick", "anew")
-NO_CORPUS = ("face", "truth_only", "export", "vtu", "velocity", "resume", "threads")
+NO_CORPUS = ("face", "truth_only", "export", "vtu", "velocity", "resume", "threads", "device")
 QUICK = {"resolution": "low", "frame_rate": 30.0, "size": (256, 256)}
 SCENES_ONLY = ("stickiness", "face", "resolution", "truth_only", "frame_rate", "size", "seed", "export")
 
@@ -228,6 +229,7 @@ def _run_scene(job: _Job, arguments: argparse.Namespace) -> tuple[dict, int | No
             truth_only=arguments.truth_only,
             exports=arguments.export or (),
             threads=arguments.threads,
+            device=arguments.device or "cpu",
             progress=sys.stderr.isatty(),
             checkpoint_every_s=arguments.checkpoint_every,
             resume=arguments.resume,
@@ -337,7 +339,7 @@ def _run_model(job: _Job, arguments: argparse.Namespace) -> tuple[dict, int | No
         model = dataclasses.replace(model, dt_s=arguments.dt)
     saved = folder / f"{stem}.checkpoint.npz"
     _check_resume(arguments, source, saved)
-    chosen = {name: getattr(arguments, name) for name in ("precision", "threads")}
+    chosen = {name: getattr(arguments, name) for name in ("precision", "threads", "device")}
     chosen = {name: value for name, value in chosen.items() if value is not None}
     provenance = {
         "source": Path(source).name,
@@ -544,6 +546,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--dt", type=_time_step, metavar="S", help="time step, s, or auto; default: the model's own")
     parser.add_argument("--precision", choices=PRECISIONS, help="arithmetic; default: what the solver takes by itself")
     parser.add_argument("--threads", type=_count, metavar="N", help="threads; default: what is fastest")
+    parser.add_argument("--device", choices=DEVICES, help="cuda: solve on an NVIDIA card; default: the processor")
     parser.add_argument("--velocity", action="store_true", help="models: also save nodal velocities, m/s")
     parser.add_argument(
         "--checkpoint-every",

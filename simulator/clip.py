@@ -65,6 +65,7 @@ def make_clip(
     extras: bool = True,
     exports: Sequence[str] = (),
     threads: int | None = None,
+    device: str = "cpu",
     progress: bool = False,
     checkpoint_every_s: float = 60.0,
     resume: bool = False,
@@ -82,6 +83,7 @@ def make_clip(
     extras : keep the motion and energies, and the page to view
     exports : any of `EXPORTS`
     threads : of the solver; None measures what is fastest
+    device : that the solver runs on, as for `solver.solve`
     progress : show bars with the time left
     checkpoint_every_s : seconds of work after which the run is saved in `<stem>.checkpoint.npz`
     resume : go on from that file if it is there
@@ -114,6 +116,7 @@ def make_clip(
                     scene,
                     parts=(mouth, model),
                     threads=threads,
+                    device=device,
                     progress=progress,
                     checkpoint_path=saved,
                     checkpoint_every_s=checkpoint_every_s,

@@ -82,18 +82,20 @@ def hexahedron_gradients(point: np.ndarray) -> np.ndarray:
     return CORNERS / 8 * np.stack([terms[:, 1] * terms[:, 2], terms[:, 0] * terms[:, 2], terms[:, 0] * terms[:, 1]], 1)
 
 
-def gradient_amplitudes(nodes: np.ndarray, elements: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def gradient_amplitudes(B: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """D and W (E, 3, 3), 1/m, of hexahedra: B_aj = s_ak D_kj + Gamma_ai W_ij with s = CORNERS, Gamma = HOURGLASS.
 
-    Of the hourglass shapes only the first three take part; W is 0 in parallelepipeds, where D = (1/8) dxi_k / dX_j.
+    B (E, 8, 3) as of `shape_gradients`. Of the hourglass shapes only the first three take part; W is 0 in
+    parallelepipeds, where D = (1/8) dxi_k / dX_j.
     """
-    B = shape_gradients(nodes, elements)
     return CORNERS.T @ B / 8, HOURGLASS[:, :3].T @ B / 8
 
 
-def hourglass_vectors(nodes: np.ndarray, elements: np.ndarray) -> np.ndarray:
-    """(E, 8, 4): gamma_ai = Gamma_ai - B_aj L_ij, the modes freed of every affine displacement."""
-    B, L = shape_gradients(nodes, elements), hourglass_extents(nodes, elements)
+def hourglass_vectors(B: np.ndarray, L: np.ndarray) -> np.ndarray:
+    """(E, 8, 4): gamma_ai = Gamma_ai - B_aj L_ij, the modes freed of every affine displacement.
+
+    B (E, 8, 3) as of `shape_gradients`, L (E, 4, 3) as of `hourglass_extents`.
+    """
     return HOURGLASS - B @ np.swapaxes(L, 1, 2)
 
 
@@ -102,19 +104,31 @@ def hourglass_extents(nodes: np.ndarray, elements: np.ndarray) -> np.ndarray:
     return HOURGLASS.T @ nodes[elements]
 
 
-def hourglass_stiffness(
-    nodes: np.ndarray, elements: np.ndarray, wave_modulus_pa: np.ndarray, kappa: float
-) -> np.ndarray:
-    """(E,) N/m: k = kappa V (lambda + 2 mu) sum B^2 / 8 with lambda + 2 mu (E,) in Pa; `kappa` is dimensionless."""
-    B = shape_gradients(nodes, elements)
-    return kappa * volumes(nodes, elements) * wave_modulus_pa * np.einsum("eaj,eaj->e", B, B) / 8
+def hourglass_stiffness(B: np.ndarray, V: np.ndarray, wave_modulus_pa: np.ndarray, kappa: float) -> np.ndarray:
+    """(E,) N/m: k = kappa V (lambda + 2 mu) sum B^2 / 8 with lambda + 2 mu (E,) in Pa; `kappa` is dimensionless.
+
+    B (E, 8, 3) as of `shape_gradients`, V (E,) as of `volumes`.
+    """
+    return kappa * V * wave_modulus_pa * np.einsum("eaj,eaj->e", B, B) / 8
 
 
 def lumped_mass(nodes: np.ndarray, elements: np.ndarray, density: np.ndarray) -> np.ndarray:
     """(N,) kg: each element of density (E,) kg/m3 gives the same share of its mass to each of its nodes."""
+    return shared_out(elements, density * volumes(nodes, elements), len(nodes))
+
+
+def shared_out(elements: np.ndarray, values: np.ndarray, n_nodes: int) -> np.ndarray:
+    """(N,): each element gives the same share of its value (E,) to each of its nodes."""
     n = elements.shape[1]
-    share = np.repeat(density * volumes(nodes, elements) / n, n)
-    return np.bincount(elements.ravel(), share, minlength=len(nodes))
+    return np.bincount(elements.ravel(), np.repeat(values / n, n), minlength=n_nodes)
+
+
+def row_numbers(rows: np.ndarray) -> np.ndarray:
+    """(R,) a number for each row (R, n) of whole numbers from 0 on, the same for rows that are equal."""
+    number = rows[:, 0]
+    for column in rows.T[1:]:
+        number = np.unique(number * (column.max(initial=0) + 1) + column, return_inverse=True)[1]
+    return number
 
 
 def deformation_gradients(nodes: np.ndarray, elements: np.ndarray, u: np.ndarray) -> np.ndarray:
@@ -151,11 +165,11 @@ def internal_forces(
     P = np.empty_like(F)
     for number, material in enumerate(materials):
         P[material_of == number] = material.stress(F[material_of == number])
-    V = volumes(nodes, elements)
-    f = np.einsum("e,eij,eaj->eai", V, P, shape_gradients(nodes, elements))
+    V, B = volumes(nodes, elements), shape_gradients(nodes, elements)
+    f = np.einsum("e,eij,eaj->eai", V, P, B)
     if element_type == "H8":
-        gamma = hourglass_vectors(nodes, elements)
-        k = hourglass_stiffness(nodes, elements, wave_modulus, hourglass)
+        gamma = hourglass_vectors(B, hourglass_extents(nodes, elements))
+        k = hourglass_stiffness(B, V, wave_modulus, hourglass)
         f += np.einsum("e,eai,ebi,ebj->eaj", k, gamma, gamma, u[elements])
     total = np.zeros_like(nodes)
     np.add.at(total, elements, f)
@@ -176,11 +190,14 @@ def strain_energies(
     psi = np.empty(len(elements))
     for number, material in enumerate(materials):
         psi[material_of == number] = material.energy(F[material_of == number])
-    elastic = volumes(nodes, elements) * psi
+    V = volumes(nodes, elements)
+    elastic = V * psi
     if element_type != "H8":
         return elastic, np.zeros(len(elements))
-    modes = np.einsum("ebi,ebj->eij", hourglass_vectors(nodes, elements), u[elements])
-    k = hourglass_stiffness(nodes, elements, wave_modulus, hourglass)
+    B = shape_gradients(nodes, elements)
+    gamma = hourglass_vectors(B, hourglass_extents(nodes, elements))
+    modes = np.einsum("ebi,ebj->eij", gamma, u[elements])
+    k = hourglass_stiffness(B, V, wave_modulus, hourglass)
     return elastic, k / 2 * np.einsum("eij,eij->e", modes, modes)
 
 

@@ -9,6 +9,7 @@ Arrays and numbers only, in float64: a film of 0.4 mm breaks at strains of a tho
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -88,6 +89,12 @@ class Film(NamedTuple):
 
 
 @_inlined
+def forces_of(nodes, part):
+    """(M, 4) where one part adds up its forces."""
+    return nodes.forces[part]
+
+
+@_inlined
 def traction(J, Q, G, K):
     """Coefficients a, b of the traction a s + b n of a stretch s = J n + shear, Q = s . s, Pa.
 
@@ -119,10 +126,10 @@ def pull_film(film, nodes, part, elapsed, dt):
 
     elapsed : time since `film.moisture` was right, s
     """
-    du, own, memory = nodes.du, nodes.forces[part], film.memory
-    fade = np.exp(-dt / film.times[0])
+    du, own, memory = nodes.du, forces_of(nodes, part), film.memory
+    fade = math.exp(-dt / film.times[0])
     ramp = film.times[1]
-    settled = 1.0 - np.exp(-SETTLING * dt / ramp)
+    settled = 1.0 - math.exp(-SETTLING * dt / ramp)
     work = 0.0
     k_0, k_1, k_2, k_3 = np.intp(0), np.intp(1), np.intp(2), np.intp(3)  # not literals: those compile four times over
     for f in range(np.uintp(film.starts[part]), np.uintp(film.starts[part + 1])):
@@ -133,8 +140,8 @@ def pull_film(film, nodes, part, elapsed, dt):
         # Unit vectors: a along the film, n across it, b = n x a.
         forth, back = _minus(middle_2, middle_0), _minus(middle_1, middle_3)
         A, B = _plus(forth, back), _minus(forth, back)
-        n, length_A = _cross(A, B), np.sqrt(_dot(A, A))
-        a, n = _times(1.0 / length_A, A), _times(1.0 / np.sqrt(_dot(n, n)), n)
+        n, length_A = _cross(A, B), math.sqrt(_dot(A, A))
+        a, n = _times(1.0 / length_A, A), _times(1.0 / math.sqrt(_dot(n, n)), n)
         b = _cross(n, a)
 
         c_0, c_1 = 1.0 / film.slant[f, 0], 1.0 / film.slant[f, 1]
@@ -236,12 +243,12 @@ def ease_film(film, nodes, part, keep, dt):
 
     keep, dt : as in kernels.advance
     """
-    du, memory, own, four = nodes.du, film.memory, nodes.forces[part], np.uintp(4)
+    du, memory, own, four = nodes.du, film.memory, forces_of(nodes, part), np.uintp(4)
     viscosity = VISCOUS_S / (INERTIA * dt)
     work = 0.0
     for d in range(np.uintp(film.pair_starts[part]), np.uintp(film.pair_starts[part + 1])):
         low, up = film.pair_lower[d], film.pair_upper[d]
-        of_up = nodes.forces[film.pair_upper_part[d]]
+        of_up = forces_of(nodes, film.pair_upper_part[d])
         added, near = 0.0, False  # of what holds or touches
         for i in range(film.pair_first[d], film.pair_first[d + np.uintp(1)]):
             f, k = film.pair_struts[i] // four, film.pair_struts[i] % four
@@ -377,9 +384,15 @@ def _add_forces(film, memory, own, du, f, k, force, both, twice_mean):
         at = LAST + 3 * k + i
         work += (memory[f, at] + force[i]) * (du[up, i] - du[low, i]) + twice_mean[i] * (du[up, i] + du[low, i])
         memory[f, at] = force[i]
-        own[up, i] += both[i] + force[i]
-        own[low, i] += both[i] - force[i]
+        _add_to_ends(own, f, k, low, up, i, both[i] - force[i], both[i] + force[i])
     return 0.5 * work
+
+
+@_inlined
+def _add_to_ends(own, f, k, low, up, axis, of_low, of_up):
+    """Add one component of the forces on the ends of strut k of element f to those of their nodes."""
+    own[up, axis] += of_up
+    own[low, axis] += of_low
 
 
 @_inlined

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numba.extending import overload
 
-from simulator.film import ease_film, pull_film
+from simulator.film import ease_film, forces_of, pull_film
 from simulator.simd import (
     gather,
     inverse_cbrt,
@@ -643,7 +643,7 @@ def _average_pressures(nodes, part):
 def _push_faces(loads, nodes, part, curves, step):
     """Add follower pressures to one part's forces; return their work over the last increment (trapezoidal rule)."""
     work = 0.0
-    forces, u, du, position = nodes.forces[part], nodes.u, nodes.du, nodes.rest
+    own, u, du, position = forces_of(nodes, part), nodes.u, nodes.du, nodes.rest
     for s in range(loads.face_starts[part], loads.face_starts[part + 1]):
         a, b, c, d = loads.face_nodes[s, 0], loads.face_nodes[s, 1], loads.face_nodes[s, 2], loads.face_nodes[s, 3]
         n = 4 if d >= 0 else 3
@@ -663,24 +663,30 @@ def _push_faces(loads, nodes, part, curves, step):
             work += 0.5 * (loads.face_force[s, 0] + fx) * du[node, 0]
             work += 0.5 * (loads.face_force[s, 1] + fy) * du[node, 1]
             work += 0.5 * (loads.face_force[s, 2] + fz) * du[node, 2]
-            forces[node, 0] -= fx
-            forces[node, 1] -= fy
-            forces[node, 2] -= fz
+            _press_node(own, s, node, fx, fy, fz)
         loads.face_force[s, 0], loads.face_force[s, 1], loads.face_force[s, 2] = fx, fy, fz
     return work
+
+
+@_inlined
+def _press_node(own, s, node, fx, fy, fz):
+    """Take the force of face s on one of its nodes from the internal forces."""
+    own[node, 0] -= fx
+    own[node, 1] -= fy
+    own[node, 2] -= fz
 
 
 @_inner
 def _push_nodes(loads, nodes, part, curves, step):
     """Take nodal forces from one part's internal forces; return their work over the last increment."""
-    forces, du = nodes.forces[part], nodes.du
+    own, du = forces_of(nodes, part), nodes.du
     before, now = np.uintp(step - 1), np.uintp(step)
     four = np.uintp(4)
     work = 0.0
     for i in range(np.uintp(loads.force_starts[part]), np.uintp(loads.force_starts[part + 1])):
         node, axis, curve = loads.force_dof[i] // four, loads.force_dof[i] % four, loads.force_curve[i]
         force = loads.force_n[i] * curves[curve, now]
-        forces[node, axis] -= force
+        own[node, axis] -= force
         work += (loads.force_n[i] * curves[curve, before] + force) * du[node, axis]
     return 0.5 * work
 
@@ -708,22 +714,28 @@ def _move_nodes(loads, nodes, part, curves, step, keep, damping, dt):
 
     The forces are those of all parts together.
     """
-    u, du, own = nodes.u, nodes.du, nodes.forces[part]
+    u, du, own = nodes.u, nodes.du, forces_of(nodes, part)
     first, last = np.uintp(loads.moved_starts[part]), np.uintp(loads.moved_starts[part + 1])
-    following, one, four = np.uintp(step + 1), np.uintp(1), np.uintp(4)
+    following, four = np.uintp(step + 1), np.uintp(4)
     inertia, drag = 1.0 / (dt * dt), 0.5 * damping / dt
     work = 0.0
     for i in range(first, last):
         node, axis = loads.moved_dof[i] // four, loads.moved_dof[i] % four
-        target = 0.0
-        for term in range(loads.moved_terms[i], loads.moved_terms[i + one]):
-            target += loads.moved_m[term] * curves[loads.moved_curve[term], following]
-        old, new = du[node, axis], target - u[node, axis]
+        old, new = du[node, axis], prescribed(loads, i, curves, following) - u[node, axis]
         force = own[node, axis] + nodes.mass[node] * (inertia * (new - old) + drag * (new + old))
         work += 0.5 * (loads.reaction[i] + force) * old
         loads.reaction[i] = force
         own[node, axis] = keep * old - new
     return work
+
+
+@_inlined
+def prescribed(loads, i, curves, step):
+    """The i-th prescribed displacement at a step, m."""
+    displacement = 0.0
+    for term in range(loads.moved_terms[i], loads.moved_terms[i + np.uintp(1)]):
+        displacement += loads.moved_m[term] * curves[loads.moved_curve[term], step]
+    return displacement
 
 
 # ---- nodal update ---------------------------------------------------------------------------------------------------
@@ -827,6 +839,23 @@ def internal_forces(elements, nodes):
     return low
 
 
+@_inlined
+def damping_loss(rescale, damping, dt, old_square, product, old_product):
+    """What damping took in a step, J, from sums of m du^2 and m du du_old of this step and the last."""
+    return rescale * damping / (4.0 * dt) * (2.0 * old_square + product + old_product)
+
+
+@_inlined
+def verdict(energy, most, low):
+    """Why to stop, or DONE: more kinetic and damped energy than there can be, or the lowest J not above 0."""
+    reason = DONE
+    if not energy <= most:  # nor NaN
+        reason = ENERGY_GREW
+    if not low > 0.0:
+        reason = INVERTED
+    return reason
+
+
 @_outer
 def advance(
     elements, nodes, loads, film, curves, gravity, column, steps, thread, threads, arrived, scheme, ledger, log, stats
@@ -913,7 +942,7 @@ def advance(
             square += mine[SQUARE]
             product += mine[PRODUCT]
         kinetic = product / (2.0 * dt * dt)
-        lost += rescale * damping / (4.0 * dt) * (2.0 * old_square + product + old_product)
+        lost += damping_loss(rescale, damping, dt, old_square, product, old_product)
         done_work += rescale * work
         glued += rescale * glue
         rescale = 1.0
@@ -923,10 +952,7 @@ def advance(
             log[LOG_EXTERNAL, step], log[LOG_LOWEST_J, step] = done_work, low
             log[LOG_SALIVA, step] = glued
         done += 1
-        if not (kinetic + lost <= tolerance * most + floor):
-            reason = ENERGY_GREW
-        if not low > 0.0:
-            reason = INVERTED
+        reason = verdict(kinetic + lost, tolerance * most + floor, low)
         if reason != DONE:
             break
     if thread == 0:
@@ -1023,7 +1049,7 @@ def largest_area_stretch(elements, D, W, u):
         mean = (a00 + a11 + a22) / 3.0
         b00, b11, b22 = a00 - mean, a11 - mean, a22 - mean
         spread = np.sqrt((b00 * b00 + b11 * b11 + b22 * b22 + 2.0 * (a01 * a01 + a02 * a02 + a12 * a12)) / 6.0)
-        if spread > 0.0:
+        if spread > 0.0 and mean + 2.0 * spread > most:  # else it cannot be the largest
             det = b00 * (b11 * b22 - a12 * a12) - a01 * (a01 * b22 - a12 * a02) + a02 * (a01 * a12 - b11 * a02)
             half = min(max(det / (2.0 * spread**3), -1.0), 1.0)
             mean += 2.0 * spread * np.cos(np.arccos(half) / 3.0)

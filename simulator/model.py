@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Literal, Protocol
 
 import numpy as np
 
-from simulator.elements import NODES_OF, volumes
+from simulator.elements import NODES_OF, shape_gradients, volumes
 from simulator.errors import InputError
 from simulator.materials import Material, NeoHookean, StVenantKirchhoff, ViscoNeoHookean
 from simulator.saliva import Saliva
@@ -187,6 +188,8 @@ class Model:
         nodes, elements = np.array(self.nodes, dtype=float), np.array(self.elements)
         _check_mesh(nodes, elements, self.element_type)
         elements = elements.astype(np.int64)
+        _set(self, nodes=_read_only(nodes), elements=_read_only(elements))
+        _check_volumes(self.volumes)
         material_of = np.zeros(len(elements), np.int64) if self.material_of is None else np.array(self.material_of)
         _check_materials(material_of, self.materials, len(elements))
         for load in self.loads:
@@ -195,13 +198,21 @@ class Model:
         _check_numbers(self)
         _set(
             self,
-            nodes=_read_only(nodes),
-            elements=_read_only(elements),
             material_of=_read_only(material_of.astype(np.int64)),
             materials=tuple(self.materials),
             loads=tuple(self.loads),
             outputs=tuple(self.outputs),
         )
+
+    @cached_property
+    def volumes(self) -> np.ndarray:
+        """(E,) m3, as of `elements.volumes`."""
+        return _read_only(volumes(self.nodes, self.elements))
+
+    @cached_property
+    def shape_gradients(self) -> np.ndarray:
+        """(E, n, 3) 1/m, as of `elements.shape_gradients`."""
+        return _read_only(shape_gradients(self.nodes, self.elements))
 
 
 def _check_mesh(nodes: np.ndarray, elements: np.ndarray, element_type: str) -> None:
@@ -233,7 +244,9 @@ def _check_mesh(nodes: np.ndarray, elements: np.ndarray, element_type: str) -> N
             f"expected every node to belong to an element, got {unused.sum()} loose nodes, the first is node "
             f"{_first(unused)}; remove them"
         )
-    V = volumes(nodes, elements)
+
+
+def _check_volumes(V: np.ndarray) -> None:
     if not (V > 0).all():
         e = _first(~(V > 0))
         raise InputError(

@@ -8,12 +8,13 @@ A fixed number of parts, not of threads, sums the forces, so that the result doe
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
+from simulator.elements import row_numbers
 from simulator.simd import RUN_ORDER
 
 
@@ -56,10 +57,10 @@ def partition(elements: np.ndarray, law: np.ndarray, n_nodes: int, parts: int | 
         nodes = _along_edges(elements, chains)
         if np.ptp(law) == 0 and sum(-len(chain) % GRANULE for chain in chains) <= MOST_EMPTY * len(elements):
             chains = [np.append(chain, np.full(-len(chain) % GRANULE, -1)) for chain in chains]
-        order = _laws_apart(np.concatenate(chains), law)
+        order = _laws_apart(np.concatenate(chains), law, GRANULE)
         order = _interleaved(order, elements)
     else:
-        order = _laws_apart(_cuthill_mckee(_touching(np.arange(len(elements)), elements)), law)
+        order = _laws_apart(_cuthill_mckee(_touching(np.arange(len(elements)), elements)), law, GRANULE)
         touches = elements[order[order >= 0]].ravel()
         nodes = touches[np.sort(np.unique(touches, return_index=True)[1])]
     stored_at = np.empty(n_nodes, np.int64)
@@ -82,6 +83,17 @@ def partition(elements: np.ndarray, law: np.ndarray, n_nodes: int, parts: int | 
     return Partition(order, nodes, element_starts, node_starts, touched)
 
 
+def in_batches(parts: Partition, law: np.ndarray, batch: int, count: int) -> Partition:
+    """The same order in whole batches of `batch` elements of one law, the batches shared out to `count` parts.
+
+    The nodes and what is said of them stay as they are.
+    """
+    order = _laws_apart(parts.elements[parts.elements >= 0], law, batch)
+    batches = -(-len(order) // batch)
+    starts = np.minimum(batch * (np.arange(count + 1) * batches // count), len(order))
+    return replace(parts, elements=order, element_starts=starts)
+
+
 def _touching(group: np.ndarray, elements: np.ndarray) -> sparse.csr_array:
     """Graph of groups of elements (E, n), numbered by group (E,), linked where they share a node."""
     n = elements.shape[1]
@@ -98,13 +110,15 @@ def _cuthill_mckee(links: sparse.csr_array) -> np.ndarray:
 
 def _chains(elements: np.ndarray) -> list[np.ndarray]:
     """Rows of hexahedra (E, 8): each next one has at corners 0, 3, 4, 7 what the one before has at 1, 2, 5, 6."""
-    starts = {tuple(face): e for e, face in enumerate(elements[:, [0, 3, 4, 7]].tolist())}
-    following = [starts.get(tuple(face), -1) for face in elements[:, [1, 2, 5, 6]].tolist()]
-    has_previous = np.zeros(len(elements), bool)
-    has_previous[[f for f in following if f >= 0]] = True
-    taken = np.zeros(len(elements), bool)
+    faces = row_numbers(np.concatenate([elements[:, [0, 3, 4, 7]], elements[:, [1, 2, 5, 6]]]))
+    starts, ends = faces[: len(elements)], faces[len(elements) :]
+    beginning_at = np.full(len(faces), -1)
+    beginning_at[starts] = np.arange(len(elements))
+    following = beginning_at[ends].tolist()
+    has_previous = np.isin(starts, ends)
+    taken = [False] * len(elements)
     chains = []
-    for first in np.argsort(has_previous, kind="stable"):  # rings, which have no first element, come last
+    for first in np.argsort(has_previous, kind="stable").tolist():  # rings, which have no first element, come last
         chain = []
         e = first
         while e >= 0 and not taken[e]:
@@ -136,10 +150,10 @@ def _interleaved(order: np.ndarray, elements: np.ndarray) -> np.ndarray:
     return np.concatenate([whole.ravel(), order[whole.size :]])
 
 
-def _laws_apart(order: np.ndarray, law: np.ndarray) -> np.ndarray:
+def _laws_apart(order: np.ndarray, law: np.ndarray, batch: int) -> np.ndarray:
     """The order, grouped by law, each group but the last filled up with -1 to whole batches."""
     if np.ptp(law) == 0:
         return order
     groups = [order[law[order] == number] for number in np.unique(law)]
-    filled = [np.append(group, np.full(-len(group) % GRANULE, -1)) for group in groups[:-1]]
+    filled = [np.append(group, np.full(-len(group) % batch, -1)) for group in groups[:-1]]
     return np.concatenate([*filled, groups[-1]])

@@ -18,6 +18,7 @@ def simulate(
     *,
     parts: tuple[Mouth, Model] | None = None,
     threads: int | None = None,
+    device: str = "cpu",
     progress: bool = False,
     checkpoint_path: str | Path | None = None,
     checkpoint_every_s: float = 60.0,
@@ -32,6 +33,7 @@ def simulate(
     scene : mouth, saliva, muscles
     parts : mesh and model of the scene, where they are known already; None takes those of `scene.model()`
     threads : number of threads; None measures what is fastest. The result does not depend on it
+    device : as for `solver.solve`
     progress : show a progress bar with the time left
     checkpoint_path, checkpoint_every_s, resume : as for `solver.solve`
 
@@ -53,6 +55,7 @@ def simulate(
             scene.state_times_s,
             precision=how.precision,
             threads=threads,
+            device=device,
             safety=how.safety,
             mass_scaling=how.mass_scaling,
             checkpoint_path=checkpoint_path,

@@ -22,7 +22,7 @@ from simulator.errors import InputError, Interrupted
 from simulator.interruption import deferred_signals
 from simulator.model import Model
 from simulator.motion import BROKEN, ENERGIES, STICKING, Motion, SalivaRecord, Stop
-from simulator.partition import Partition, partition
+from simulator.partition import Partition, in_batches, partition
 from simulator.stability import check_supports, diagnose
 from simulator.threads import ThreadChoice
 
@@ -35,6 +35,7 @@ RESIDUAL_TOLERANCE = 0.05  # of the largest external work, at a saved state
 CALM_STATES = 2
 CALM_FORCE = 1e-3  # share of its force that a broken saliva element may still have
 CALM_M_S = 1e-5  # largest nodal speed of a body at rest, twice in a row; what is left to come is a millionth of a mouth
+DEVICES = ("cpu", "cuda")
 RESTARTS = 6  # times a run with dt "auto" may go back to the last saved state and halve its step
 
 
@@ -44,6 +45,7 @@ def solve(
     *,
     precision: str | None = None,
     threads: int | None = None,
+    device: str = "cpu",
     safety: float = SAFETY,
     mass_scaling: float = 1.0,
     lightest_dt_s: float | None = None,
@@ -64,6 +66,8 @@ def solve(
         None takes "mixed", for the table of run time against error in docs/validation.md
     threads : number of threads, at most one per core; None measures whether a second one pays. The result does not
         depend on it
+    device : "cpu", or "cuda" for an NVIDIA card, which hexahedra and T4 tetrahedra are computed on. Its results differ
+        by rounding errors, and are the same in every run on cards of one kind
     safety : dt "auto" takes this part of the stable step
     mass_scaling : factor on all densities, for quasi-static motion
     lightest_dt_s : add mass to the elements that alone would need a smaller step than this, s
@@ -80,14 +84,14 @@ def solve(
     Raises
     ------
     InputError : a setting out of range, a body free to move without deforming, NaN in a load, a checkpoint that is
-        damaged or another run's
+        damaged or another run's, no card or elements that it does not compute
     Interrupted : Ctrl-C; a KeyboardInterrupt with the motion so far
     """
     precision = precision or "mixed"
-    _check_settings(precision, threads, safety, mass_scaling)
+    _check_settings(precision, threads, device, safety, mass_scaling)
     check_supports(model)
-    run = _Run(model, times, precision, safety, mass_scaling, lightest_dt_s, velocities)
-    choice = ThreadChoice(threads, parts=len(run.parts.node_starts) - 1)
+    run = _Run(model, times, precision, safety, mass_scaling, lightest_dt_s, velocities, device)
+    choice = ThreadChoice(1 if device == "cuda" else threads, parts=len(run.parts.node_starts) - 1)
     if checkpoint_path is not None and resume:
         run.resume(checkpoint_path)
     saved_at = clock.monotonic()
@@ -158,13 +162,18 @@ class _State:
 class _Run:
     """A simulation under way: the model as arrays, its state, and the steps between two saved states."""
 
-    def __init__(self, model, times, precision, safety, mass_scaling, lightest_dt_s, velocities):
+    def __init__(self, model, times, precision, safety, mass_scaling, lightest_dt_s, velocities, device="cpu"):
         self.model, self.precision, self.safety, self.velocities = model, precision, safety, velocities
+        self.card = _card(device)
         factors = np.full(len(model.elements), float(mass_scaling))
         if lightest_dt_s is not None:
             factors *= timestep.mass_factors(model, lightest_dt_s / math.sqrt(mass_scaling))
         self.mass = assembly.masses(model, factors)
         self.parts: Partition = partition(model.elements, assembly.laws(model), len(model.nodes))
+        self.stored_at = np.argsort(self.parts.nodes)  # record of each node
+        self.visits, self.lanes = self.parts, None
+        if self.card is not None:
+            self.visits, self.lanes = self._visits_of_card()
         fixed, moved = assembly.constrained(model)
         self.auto = model.dt_s == "auto"
         free = ~(fixed | moved)
@@ -175,9 +184,8 @@ class _Run:
         self.film, self.film_order = assembly.film_arrays(model, self.parts)
         self.events = [] if model.saliva is None else sorted({lick.time_s for lick in model.saliva.licks})
         self.energy_arrays = assembly.energy_arrays(model)
-        volume = assembly.geometry.volumes(model.nodes, model.elements)
         modulus = np.array([material.wave_modulus_pa for material in model.materials])[model.material_of]
-        self.floor = ENERGY_FLOOR * float(volume @ modulus)
+        self.floor = ENERGY_FLOOR * float(model.volumes @ modulus)
         self.added_mass = float(self.mass.sum() / assembly.masses(model).sum() - 1)
         self.skipped_s = 0.0
         self.stop: Stop | None = None
@@ -188,7 +196,7 @@ class _Run:
         self._build(dt)
         self.state = _State(self._live_arrays(), dt)
         self.last_good = None
-        self._step_for_interval()
+        self._step_for_interval(self._stored("u"))
         self._save_due()
         if self.auto:
             self.last_good = self.state.copy()
@@ -197,9 +205,12 @@ class _Run:
 
     def _build(self, dt: float) -> None:
         of_elements = assembly.PRECISIONS[self.precision][0]
-        self.elements = assembly.element_arrays(self.model, self.parts, of_elements, dt)
+        self.elements = assembly.element_arrays(self.model, self.visits, of_elements, dt, self.lanes)
         self.nodes = assembly.node_arrays(self.model, self.parts, self.precision, dt, self.mass)
         self._set_scheme(dt)
+        if self.card is not None:
+            arrays = (self.elements, self.nodes, self.loads, self.film)
+            self.on_card = self.card.Steps(*arrays, len(self.model.nodes), self.blocks, bool(self.gravities))
 
     def _set_scheme(self, dt: float) -> None:
         half = self.model.damping * dt / 2
@@ -228,6 +239,7 @@ class _Run:
         self.state = state.copy()
         self.state.arrays = live
         self._table_of = None
+        self._has_changed()
 
     def save(self, path: str | Path) -> None:
         """Write a checkpoint."""
@@ -273,6 +285,8 @@ class _Run:
 
     def _fingerprint(self) -> str:
         settings = (self.precision, self.safety, self.velocities, self.times.tolist(), self.mass.tolist())
+        if self.card is not None:
+            settings += ("cuda",)
         return checkpoint.fingerprint(self.model, settings)
 
     def _change_step(self, dt: float) -> None:
@@ -283,14 +297,32 @@ class _Run:
         state.ledger[3:5] *= ratio**2
         state.ledger[5] /= ratio
         state.base_s, state.step, state.dt = self.time, 0, dt
-        stored = assembly.compliances(self.model, dt, self.mass)[self.parts.nodes]
+        stored = np.take(assembly.compliances(self.model, dt, self.mass), self.parts.nodes, axis=0)
         self.nodes.compliance[: len(stored), :3] = stored
         self._set_scheme(dt)
         if self.elements.terms:  # the factors of the viscous terms follow the step, their stresses stay
-            fresh = assembly.element_arrays(self.model, self.parts, self.elements.constants.dtype.type, dt).history
-            shape = (-1, self.elements.terms, kernels.HISTORY, assembly.LANES[fresh.dtype])
+            real = self.elements.constants.dtype.type
+            fresh = assembly.element_arrays(self.model, self.visits, real, dt, self.lanes).history
+            shape = (-1, self.elements.terms, kernels.HISTORY, self.lanes or assembly.LANES[fresh.dtype])
             self.elements.history.reshape(shape)[:, :, :3] = fresh.reshape(shape)[:, :, :3]
         self._table_of = None
+        self._has_changed()
+
+    # -- the card --
+
+    def _visits_of_card(self) -> tuple[Partition, int]:
+        """The order in which the card visits elements, and how many of them at a time."""
+        model = self.model
+        count, struts = len(model.elements), 0 if model.saliva is None else 4 * len(model.saliva.elements)
+        lanes = self.card.lanes_for(count)
+        self.blocks = self.card.blocks_for(count, len(model.nodes), struts)
+        workers = self.card.workers(self.blocks)
+        return in_batches(self.parts, assembly.laws(model), lanes, workers), lanes
+
+    def _has_changed(self) -> None:
+        """Tell the card, if there is one, that the arrays here are not those that its last steps left."""
+        if self.card is not None:
+            self.on_card.changed = True
 
     # -- time --
 
@@ -308,22 +340,19 @@ class _Run:
         """Step, counted from the base time, of the next state to save."""
         return round((self.times[self.state.next_output] - self.state.base_s) / self.state.dt)
 
-    def _step_for_interval(self) -> None:
-        """With dt "auto": a step that ends on the next saved time and is stable as the elements now are."""
+    def _step_for_interval(self, u: np.ndarray) -> None:
+        """With dt "auto": a step that ends on the next saved time and is stable at the displacements u (N, 3), m."""
         state = self.state
         if not self.auto or state.next_output >= len(self.times):
             return
         interval = self.times[state.next_output] - self.time
         if interval <= 0:
             return
-        limit = self.limit * self._shortening()
+        # Waves cross the most squeezed element faster than they do at rest.
+        limit = self.limit * (1 / kernels.largest_area_stretch(*self.energy_arrays[:3], u))
         dt = interval / math.ceil(interval / limit - 1e-9)
         if not limit / 2 < state.dt <= limit or abs(interval / state.dt - round(interval / state.dt)) > 1e-6:
             self._change_step(dt)
-
-    def _shortening(self) -> float:
-        """What part of the stable step at rest is left, as waves cross the most squeezed element faster."""
-        return 1 / kernels.largest_area_stretch(*self.energy_arrays[:3], self._stored("u"))
 
     # -- steps --
 
@@ -357,6 +386,8 @@ class _Run:
         self._save_due()
 
     def _steps(self, pool, count, curves, gravity, column, steps, log) -> tuple[int, int]:
+        if self.card is not None:
+            return self.on_card.advance(curves, gravity, column, steps, self.scheme, self.state.ledger, log)
         arrived, stats = np.zeros(1, np.int64), np.zeros((2, len(self.parts.node_starts) - 1, kernels.STATS))
         common = (arrived, self.scheme, self.state.ledger, log, stats)
 
@@ -447,10 +478,11 @@ class _Run:
             state.energies.append(state.energies[-1])
         state.next_output += int(passed.sum())
         self.film.memory[:, film.SINCE] += until - now
+        self._has_changed()
         if self.auto:
             state.base_s, state.step = until, 0
             self._table_of = None
-            self._step_for_interval()
+            self._step_for_interval(self._stored("u"))
             self.last_good = state.copy()
         else:
             state.step = steps
@@ -472,9 +504,7 @@ class _Run:
 
     def _stored(self, name: str) -> np.ndarray:
         """(N, 3) nodal records "u" or "du", m, in the order of the model's nodes."""
-        values = np.empty_like(self.model.nodes)
-        values[self.parts.nodes] = self.state.arrays[name][: len(values), :3]
-        return values
+        return np.ascontiguousarray(np.take(self.state.arrays[name], self.stored_at, axis=0)[:, :3])
 
     def _save_due(self) -> None:
         """Save the present state if its time has come."""
@@ -493,7 +523,7 @@ class _Run:
         while state.next_output < len(self.times) and self._output_step() <= state.step:
             state.next_output += 1  # times closer together than a step
         self._count_calm()
-        self._step_for_interval()
+        self._step_for_interval(u)
 
     def _close_energies(self, logged: np.ndarray) -> int:
         """Complete the ledger of the last saved state, whose velocity the step after it made known."""
@@ -550,6 +580,7 @@ class _Run:
             stopped=stop,
             settings={
                 "precision": self.precision,
+                "device": "cpu" if self.card is None else "cuda",
                 "safety": self.safety,
                 "stable_dt_s": None if math.isnan(self.stable_dt) else self.stable_dt,
                 "added_mass": self.added_mass,
@@ -586,12 +617,24 @@ def _output_times(model: Model, times: Sequence[float] | None, dt: float) -> np.
     return times
 
 
-def _check_settings(precision: str, threads: int | None, safety: float, mass_scaling: float) -> None:
+def _card(device: str):
+    """The module that computes on a card, loaded only where it is asked for; None for the processor."""
+    if device == "cpu":
+        return None
+    from simulator import cuda
+
+    cuda.check()
+    return cuda
+
+
+def _check_settings(precision: str, threads: int | None, device: str, safety: float, mass_scaling: float) -> None:
     faults = []
     if precision not in assembly.PRECISIONS:
         faults.append(f"precision of {', '.join(assembly.PRECISIONS)}, got {precision!r}")
     if threads is not None and threads < 1:
         faults.append(f"threads of 1 or more, got {threads}")
+    if device not in DEVICES:
+        faults.append(f"device of {', '.join(DEVICES)}, got {device!r}")
     if not 0 < safety <= 1:
         faults.append(f"safety above 0 and at most 1, got {safety}")
     if not 0 < mass_scaling < math.inf:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from simulator.elements import row_numbers
 from simulator.errors import InputError
 from simulator.model import Displacement, Fixed, Force, Gravity, Model, Pressure
 from simulator.moisture import Lick
@@ -43,18 +44,24 @@ class Half:
 
     def mirrored(self, motion: Motion) -> Motion:
         """The motion of the whole model; energies are those of both halves."""
-        flip = np.ones(3)
-        flip[self.axis] = -1
+        of_half = np.empty(len(self.whole), np.int64)
+        of_half[self.partner[self.kept]] = np.arange(len(self.kept))
+        of_half[self.kept] = np.arange(len(self.kept))
+        sign = np.full(len(self.whole), -1.0)
+        sign[self.kept] = 1.0
 
-        def both(half):
-            whole = np.zeros((len(half), *self.whole.shape))
-            whole[:, self.partner[self.kept]] = half * flip
-            whole[:, self.kept] = half
+        def both(states):
+            whole = np.empty((len(motion.time_s), *self.whole.shape))
+            for state, values in zip(states, whole, strict=True):  # one after the other, as each fits the cache
+                np.take(state, of_half, axis=0, out=values, mode="clip")
+                values[:, self.axis] *= sign
             return whole
 
+        positions = both(state - motion.nodes for state in motion.positions)
+        positions += self.whole
         return dataclasses.replace(
             motion,
-            positions=self.whole + both(motion.displacements),
+            positions=positions,
             velocities=None if motion.velocities is None else both(motion.velocities),
             nodes=self.whole,
             energies={name: 2 * values for name, values in motion.energies.items()},
@@ -120,7 +127,8 @@ def _partners(model: Model, image: np.ndarray, tolerance: float, axis: int, at_m
     # Nodes doubled along a slit are told apart by the centre of their elements.
     n = model.elements.shape[1]
     centre = np.zeros_like(model.nodes)
-    np.add.at(centre, model.elements.ravel(), np.repeat(model.nodes[model.elements].mean(axis=1), n, axis=0))
+    for axis_values, of_elements in zip(centre.T, model.nodes[model.elements].mean(axis=1).T, strict=True):
+        axis_values[:] = np.bincount(model.elements.ravel(), np.repeat(of_elements, n))
     centre /= np.bincount(model.elements.ravel())[:, None]
     mirrored = centre.copy()
     mirrored[:, axis] = 2 * at_m - mirrored[:, axis]
@@ -131,13 +139,15 @@ def _partners(model: Model, image: np.ndarray, tolerance: float, axis: int, at_m
 
 
 def _check_elements(model: Model, partner: np.ndarray, right: np.ndarray, left: np.ndarray) -> None:
-    own = {tuple(sorted(e)): m for e, m in zip(model.elements[left].tolist(), model.material_of[left], strict=True)}
-    for e in np.flatnonzero(right):
-        if own.get(tuple(sorted(partner[model.elements[e]].tolist()))) != model.material_of[e]:
-            raise InputError(
-                f"expected a mirror-symmetric mesh, got element {e} whose image is missing or of another material; "
-                "solve the whole model"
-            )
+    of_nodes = np.sort(np.concatenate([model.elements[left], partner[model.elements[right]]]), axis=1)
+    of_material = np.concatenate([model.material_of[left], model.material_of[right]])
+    number = row_numbers(np.column_stack([of_nodes, of_material]))
+    alike = np.isin(number[left.sum() :], number[: left.sum()])
+    if not alike.all():
+        raise InputError(
+            f"expected a mirror-symmetric mesh, got element {np.flatnonzero(right)[np.argmin(alike)]} whose image is "
+            "missing or of another material; solve the whole model"
+        )
 
 
 def _half_saliva(model: Model, partner: np.ndarray, right: np.ndarray):

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numba import njit
 from scipy import sparse
 from scipy.linalg import eigh_tridiagonal
 
@@ -64,43 +65,69 @@ def _product(one: np.ndarray, other: np.ndarray) -> float:
 def _stiffness(model: Model):
     """Function v (3N,) -> K v of the undeformed mesh."""
     nodes, elements = model.nodes, model.elements
-    n_elements, n = elements.shape
     shear, bulk, wave = _moduli(model)
-    V = geometry.volumes(nodes, elements)
+    V, B = model.volumes, model.shape_gradients
     if model.saliva is not None:  # which limits no step: film.ease_film
+        V = V.copy()
         V[model.saliva.elements] = 0.0
-    B = geometry.shape_gradients(nodes, elements)
-    rows = np.arange(3 * n_elements + 1) * n
-    # (3E, N): row 3e + j takes the derivative along X_j in element e.
-    gradient = sparse.csr_array(
-        (B.transpose(0, 2, 1).ravel(), np.repeat(elements, 3, axis=0).ravel(), rows), shape=(3 * n_elements, len(nodes))
-    )
-    gradient_T = gradient.T.tocsr()
     averaged = _averaging(model) if model.element_type == "T4ANP" else None
     if model.element_type == "H8":
-        gamma = geometry.hourglass_vectors(nodes, elements).transpose(0, 2, 1)
-        k = np.repeat(geometry.hourglass_stiffness(nodes, elements, wave, model.hourglass), 4)[:, None]
+        gamma = geometry.hourglass_vectors(B, geometry.hourglass_extents(nodes, elements))
+        gamma.setflags(write=False)  # as B is: compiled once for both
+        k = geometry.hourglass_stiffness(B, model.volumes, wave, model.hourglass)[:, None, None]
         if model.saliva is not None:
-            k.reshape(-1, 4)[model.saliva.elements] = 0.0
-        modes = sparse.csr_array(
-            (gamma.ravel(), np.repeat(elements, 4, axis=0).ravel(), np.arange(4 * n_elements + 1) * n),
-            shape=(4 * n_elements, len(nodes)),
-        )
-        modes_T = modes.T.tocsr()
+            k[model.saliva.elements] = 0.0
 
     def apply(v):
         u = v.reshape(-1, 3)
-        H = (gradient @ u).reshape(n_elements, 3, 3)  # [e, j, i] = du_i / dX_j
+        H = _gathered(elements, B, u)  # [e, j, i] = du_i / dX_j
         trace = np.einsum("eii->e", H)
-        stress = shear[:, None, None] * (H + H.transpose(0, 2, 1))
+        stress = H + H.transpose(0, 2, 1)
+        stress *= shear[:, None, None]
         volumetric = bulk * (trace if averaged is None else averaged @ trace) - 2 / 3 * shear * trace
-        stress[:, range(3), range(3)] += volumetric[:, None]
-        f = gradient_T @ (V[:, None, None] * stress).reshape(-1, 3)
+        np.einsum("eii->ei", stress)[:] += volumetric[:, None]
+        stress *= V[:, None, None]
+        f = _spread(elements, B, stress, len(nodes))
         if model.element_type == "H8":
-            f += modes_T @ (k * (modes @ u))
+            f += _spread(elements, gamma, k * _gathered(elements, gamma, u), len(nodes))
         return f.ravel()
 
     return apply
+
+
+@njit(cache=True)
+def _gathered(elements, weights, u):
+    """(E, k, 3): [e, j, i] = sum_a weights[e, a, j] u[a, i] over the nodes a of element e; u (N, 3)."""
+    n, k = weights.shape[1:]
+    sums = np.empty((len(elements), k, 3))
+    for e in range(len(elements)):
+        for j in range(k):
+            x, y, z = 0.0, 0.0, 0.0
+            for a in range(n):
+                node, weight = elements[e, a], weights[e, a, j]
+                x += weight * u[node, 0]
+                y += weight * u[node, 1]
+                z += weight * u[node, 2]
+            sums[e, j, 0], sums[e, j, 1], sums[e, j, 2] = x, y, z
+    return sums
+
+
+@njit(cache=True)
+def _spread(elements, weights, values, n_nodes):
+    """(N, 3): `_gathered` transposed, of values (E, k, 3)."""
+    n, k = weights.shape[1:]
+    sums = np.zeros((n_nodes, 3))
+    for e in range(len(elements)):
+        for a in range(n):
+            node = elements[e, a]
+            x, y, z = sums[node, 0], sums[node, 1], sums[node, 2]
+            for j in range(k):
+                weight = weights[e, a, j]
+                x += weight * values[e, j, 0]
+                y += weight * values[e, j, 1]
+                z += weight * values[e, j, 2]
+            sums[node, 0], sums[node, 1], sums[node, 2] = x, y, z
+    return sums
 
 
 def _averaging(model: Model) -> sparse.csr_array:
@@ -109,7 +136,7 @@ def _averaging(model: Model) -> sparse.csr_array:
     With materials of different bulk modulus it is the pressure that is averaged: K^-1 A K.
     """
     n_elements = len(model.elements)
-    V = geometry.volumes(model.nodes, model.elements)
+    V = model.volumes
     bulk = _moduli(model)[1]
     incidence = sparse.csr_array(
         (np.ones(model.elements.size), model.elements.ravel(), np.arange(n_elements + 1) * 4),
@@ -125,20 +152,18 @@ def _averaging(model: Model) -> sparse.csr_array:
     )
 
 
-def element_steps(model: Model, density: np.ndarray | None = None) -> np.ndarray:
+def element_steps(model: Model, chosen: np.ndarray | slice = slice(None)) -> np.ndarray:
     """(E,) s: stable step of each element by itself. The smallest is a lower bound of `stable_step`.
 
     Per element the nonzero eigenvalues of M_e^-1 K_e are those of (n/m) V C^1/2 B B^T C^1/2 (6 x 6) and of the
     hourglass stiffness (n/m) k gamma^T gamma (4 x 4), with m the element's mass.
 
-    density : (E,) kg/m3; None takes that of the materials
+    chosen : index of the elements asked for, E in number
     """
-    nodes, elements = model.nodes, model.elements
+    elements, B, V = model.elements[chosen], model.shape_gradients[chosen], model.volumes[chosen]
     n = elements.shape[1]
-    shear, bulk, wave = _moduli(model)
-    if density is None:
-        density = np.array([material.density for material in model.materials])[model.material_of]
-    B = geometry.shape_gradients(nodes, elements)
+    shear, bulk, wave = (values[chosen] for values in _moduli(model))
+    density = np.array([material.density for material in model.materials])[model.material_of[chosen]]
     strain = np.zeros((len(elements), 6, n, 3))  # xx yy zz xy yz zx, shear strains divided by sqrt 2
     for i in range(3):
         j = (i + 1) % 3
@@ -151,23 +176,27 @@ def element_steps(model: Model, density: np.ndarray | None = None) -> np.ndarray
     d[:3, :3] = 1 / 3
     root = np.sqrt(2 * shear)[:, None, None] * (np.eye(6) - d) + np.sqrt(3 * bulk)[:, None, None] * d
     scaled = root @ strain
-    V = geometry.volumes(nodes, elements)
     stiffest = V * np.linalg.eigvalsh(scaled @ scaled.transpose(0, 2, 1))[:, -1]
     if model.element_type == "H8":
-        gamma = geometry.hourglass_vectors(nodes, elements)
-        k = geometry.hourglass_stiffness(nodes, elements, wave, model.hourglass)
+        gamma = geometry.hourglass_vectors(B, geometry.hourglass_extents(model.nodes, elements))
+        k = geometry.hourglass_stiffness(B, V, wave, model.hourglass)
         stiffest = np.maximum(stiffest, k * np.linalg.eigvalsh(gamma.transpose(0, 2, 1) @ gamma)[:, -1])
-    nodal_mass = density * geometry.volumes(nodes, elements) / n
+    nodal_mass = density * V / n
     return 2 / np.sqrt(stiffest / nodal_mass)
 
 
 def node_stiffness(model: Model, mass: np.ndarray) -> np.ndarray:
-    """(N,) N/m: mass (N,), kg, times the square of the highest frequency of the tissue's elements at a node."""
-    steps = element_steps(model)
-    steps[model.saliva.elements] = math.inf
+    """(N,) N/m: mass (N,), kg, times the square of the highest frequency of the tissue's elements at a node.
+
+    Only nodes of the saliva have it, 0 the others.
+    """
+    at_saliva = np.zeros(len(model.nodes), bool)
+    at_saliva[model.elements[model.saliva.elements]] = True
+    tissue = at_saliva[model.elements].any(axis=1)
+    tissue[model.saliva.elements] = False
     shortest = np.full(len(model.nodes), math.inf)
-    np.minimum.at(shortest, model.elements, steps[:, None])
-    return mass * (2 / shortest) ** 2
+    np.minimum.at(shortest, model.elements[tissue], element_steps(model, tissue)[:, None])
+    return np.where(at_saliva, mass * (2 / shortest) ** 2, 0.0)
 
 
 def mass_factors(model: Model, dt_s: float) -> np.ndarray:

@@ -285,6 +285,12 @@ def test_stopwatch_adds_up_what_a_method_took():
 # --- meshes
 
 
+def test_the_stepper_advances_the_sheet():
+    stepper = solver.Stepper(solver.sheet(852, dt_s=solver.ANIMATION_DT), "mixed", 5)
+    stepper.run()
+    assert stepper.nodes.u.any()
+
+
 def test_quartered_tetrahedra_fill_the_block_with_hexahedra_that_share_their_nodes():
     nodes, cells = block((2, 3, 1), (0.2, 0.3, 0.1))
     tetrahedra = to_tetrahedra(nodes, cells)

@@ -45,6 +45,10 @@ def test_lips_of_many_faces_gain_no_energy(shape):
 def test_inertia_of_near_ends_is_a_share_of_the_tissue_and_follows_no_mass_scaling():
     model = closed(FACES["wide"])
     stiffness = timestep.node_stiffness(model, assembly.masses(model))
+    steps = timestep.element_steps(model)
+    node = model.elements[model.saliva.elements[0], 0]
+    tissue = np.setdiff1d(np.flatnonzero((model.elements == node).any(axis=1)), model.saliva.elements)
+    assert stiffness[node] == assembly.masses(model)[node] * (2 / steps[tissue].min()) ** 2
     heavy = dataclasses.replace(
         model, materials=tuple(dataclasses.replace(one, density=4 * one.density) for one in model.materials)
     )
