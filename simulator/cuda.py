@@ -67,7 +67,6 @@ class Plan(NamedTuple):
     loaded : (N,) 1 where nodal forces or prescribed displacements act on a node of `order`
     chain_starts : (G + 1,) first chain of pairs of each block; a chain's nodes are of one block
     sums : (SUMS, G) of each block's step
-    targets : (D,) the prescribed displacements of the next step, m
     heavy : 1 where gravity acts on all nodes
     """
 
@@ -81,7 +80,6 @@ class Plan(NamedTuple):
     loaded: np.ndarray
     chain_starts: np.ndarray
     sums: np.ndarray
-    targets: np.ndarray
     heavy: int
 
 
@@ -176,14 +174,6 @@ def _press_node(places, s, node, fx, fy, fz):
     places[0, s], places[1, s], places[2, s] = -fx, -fy, -fz
 
 
-def _prescribed(loads, i, curves, step):
-    """Stands for kernels.prescribed, which _move_nodes is given the results of."""
-
-
-def _known(loads, i, targets, step):
-    return targets[i]
-
-
 def _of_hexahedra(elements, block, seen, forces, scratch):
     return _h8_forces(elements, block, seen, forces, scratch)
 
@@ -233,12 +223,12 @@ def _loaded(plan, loads, nodes, i, n, x, y, z, curves, gravity, at):
     return x, y, z, work
 
 
-def _moved(plan, loads, nodes, i, n, x, y, z, at, scheme):
+def _moved(plan, loads, nodes, i, n, x, y, z, curves, at, scheme):
     """Where displacements are prescribed, what brings to place instead of forces; and the constraints' work."""
     if plan.loaded[i] == 0:
         return x, y, z, 0.0
     nodes.forces[n, 0], nodes.forces[n, 1], nodes.forces[n, 2] = x, y, z
-    work = _move_nodes(loads, nodes, n, plan.targets, at, scheme[0], scheme[1], scheme[2])
+    work = _move_nodes(loads, nodes, n, curves, at, scheme[0], scheme[1], scheme[2])
     return nodes.forces[n, 0], nodes.forces[n, 1], nodes.forces[n, 2], work
 
 
@@ -339,8 +329,6 @@ def _steps(elements, nodes, loads, film, plan, curves, gravity, column, steps, s
                 glue += pull_film(film, of_struts, f, step * dt, dt)
             for s in range(block + workers * (spare - 1 - rank), len(loads.face_pa), workers * spare):
                 work += _push_faces(loads, of_faces, s, curves, at)
-            for i in range(block + workers * (spare - 1 - rank), len(plan.targets), workers * spare):
-                plan.targets[i] = _prescribed(loads, np.uintp(i), curves, np.uintp(at + 1))
         if step > 0 and block == blocks - 1:
             _balance(plan, sums, thread, step - 1, scheme, ledger, log, outcome)
         _meet()
@@ -353,7 +341,7 @@ def _steps(elements, nodes, loads, film, plan, curves, gravity, column, steps, s
                 n = plan.order[i]
                 x, y, z = _gathered(plan, i)
                 x, y, z, pushed = _loaded(plan, loads, nodes, i, n, x, y, z, curves, gravity, at)
-                x, y, z, moved = _moved(plan, loads, nodes, i, n, x, y, z, at, scheme)
+                x, y, z, moved = _moved(plan, loads, nodes, i, n, x, y, z, curves, at, scheme)
                 of_square, of_product = _advance_node(nodes, n, keep, x, y, z)
                 work += pushed + moved
                 square += of_square
@@ -372,7 +360,7 @@ def _steps(elements, nodes, loads, film, plan, curves, gravity, column, steps, s
             for i in range(first + thread, last, THREADS):
                 n = plan.order[i]
                 x, y, z = nodes.forces[n, 0], nodes.forces[n, 1], nodes.forces[n, 2]
-                x, y, z, moved = _moved(plan, loads, nodes, i, n, x, y, z, at, scheme)
+                x, y, z, moved = _moved(plan, loads, nodes, i, n, x, y, z, curves, at, scheme)
                 of_square, of_product = _advance_node(nodes, n, keep, x, y, z)
                 work += moved
                 square += of_square
@@ -415,8 +403,6 @@ class _Twins:
             saliva.forces_of: _forces_of,
             saliva._add_to_ends: _add_to_ends,
             kernels._press_node: _press_node,
-            kernels.prescribed: _known,
-            _prescribed: kernels.prescribed,
             _element_forces: _of_tetrahedra if tetrahedra else _of_hexahedra,
         }
         own = {"REAL": real, "SUM": total, "LANES": lanes, "SCRATCH": kernels.KEPT * lanes}
@@ -645,7 +631,6 @@ def _plan(elements, nodes, loads, film, count, blocks, heavy) -> tuple[Plan, np.
         loaded=loaded[order],
         chain_starts=chain_starts,
         sums=np.zeros((SUMS, blocks)),
-        targets=np.zeros(len(loads.moved_dof)),
         heavy=int(heavy),
     )
     return plan, pairs, chains

@@ -716,26 +716,20 @@ def _move_nodes(loads, nodes, part, curves, step, keep, damping, dt):
     """
     u, du, own = nodes.u, nodes.du, forces_of(nodes, part)
     first, last = np.uintp(loads.moved_starts[part]), np.uintp(loads.moved_starts[part + 1])
-    following, four = np.uintp(step + 1), np.uintp(4)
+    following, one, four = np.uintp(step + 1), np.uintp(1), np.uintp(4)
     inertia, drag = 1.0 / (dt * dt), 0.5 * damping / dt
     work = 0.0
     for i in range(first, last):
         node, axis = loads.moved_dof[i] // four, loads.moved_dof[i] % four
-        old, new = du[node, axis], prescribed(loads, i, curves, following) - u[node, axis]
+        target = 0.0
+        for term in range(loads.moved_terms[i], loads.moved_terms[i + one]):
+            target += loads.moved_m[term] * curves[loads.moved_curve[term], following]
+        old, new = du[node, axis], target - u[node, axis]
         force = own[node, axis] + nodes.mass[node] * (inertia * (new - old) + drag * (new + old))
         work += 0.5 * (loads.reaction[i] + force) * old
         loads.reaction[i] = force
         own[node, axis] = keep * old - new
     return work
-
-
-@_inlined
-def prescribed(loads, i, curves, step):
-    """The i-th prescribed displacement at a step, m."""
-    displacement = 0.0
-    for term in range(loads.moved_terms[i], loads.moved_terms[i + np.uintp(1)]):
-        displacement += loads.moved_m[term] * curves[loads.moved_curve[term], step]
-    return displacement
 
 
 # ---- nodal update ---------------------------------------------------------------------------------------------------
