@@ -22,28 +22,17 @@ from functools import partial
 import numpy as np
 import pandas as pd
 from results import machine, markdown, write_section
+from solver import ANIMATION_DT, sheet
 
 from simulator import cuda
-from simulator.curves import LoadShape
-from simulator.mesh import SHEET_CELLS, lip_sheet
-from simulator.model import Fixed, Force, Model
+from simulator.errors import InputError
+from simulator.mesh import SHEET_CELLS
 from simulator.motion import Motion
-from simulator.scene import load_scene
+from simulator.scene import load_scene, scene_names
 from simulator.simulate import simulate
 from simulator.solver import solve
 
-ANIMATION_DT = 1e-5  # s, the thesis's step
 SCENES = ("slow_open", "mummy")
-
-
-def sheet(elements: int, **settings) -> Model:
-    """The benchmark face of solver.py: rim held, both lips pulled apart, tissue of the thesis."""
-    nodes, cells, sets = lip_sheet(elements)
-    pull = LoadShape("POLY345", settings.get("duration_s", 1.0))
-    loads = [Fixed(sets["rim"])]
-    for side, newton in (("upper", 0.04), ("lower", -0.08)):
-        loads.append(Force(sets[side], 1, newton / len(sets[side]), pull))
-    return Model(nodes, cells, loads=tuple(loads), **{"damping": 90.0, **settings})
 
 
 class Stopwatch:
@@ -168,12 +157,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--sizes", nargs="*", type=int, choices=SHEET_CELLS, default=list(SHEET_CELLS))
     parser.add_argument("--steps", nargs="+", choices=("auto", "1e-5"), default=["auto", "1e-5"])
-    parser.add_argument("--scenes", nargs="*", default=list(SCENES))
-    parser.add_argument("--meshes", nargs="*", default=["medium", "high"])
+    parser.add_argument("--scenes", nargs="*", choices=scene_names(), default=list(SCENES), metavar="SCENE")
+    parser.add_argument("--meshes", nargs="*", choices=("low", "medium", "high"), default=["medium", "high"])
     parser.add_argument("--repeats", type=int, default=2, help="after the first run of each")
     parser.add_argument("--write", action="store_true", help="write the card's section of RESULTS.md")
     arguments = parser.parse_args()
-    cuda.check()
+    if arguments.repeats < 1:
+        parser.error(f"expected 1 repeat or more, got {arguments.repeats}")
+    try:
+        cuda.check()
+    except InputError as error:
+        parser.error(str(error))
     watch = Stopwatch()
     text = f"## Graphics card\n\n{card_name()}, beside {machine()}\n"
     for part in (

@@ -88,6 +88,9 @@ def main(tool: str, videos: list[str]) -> int:
     for video in videos:
         lips = TOOLS[tool]()
         reader = cv2.VideoCapture(video)
+        if not reader.isOpened():
+            print(f"expected a video that can be read, got {video}", file=sys.stderr)
+            return 2
         frame = 0
         while True:
             there, bgr = reader.read()
@@ -101,4 +104,6 @@ def main(tool: str, videos: list[str]) -> int:
 
 
 if __name__ == "__main__":
+    if len(sys.argv) < 3 or sys.argv[1] not in TOOLS:
+        sys.exit(f"expected a tool of {', '.join(TOOLS)} and videos, got {' '.join(sys.argv[1:]) or 'nothing'}")
     sys.exit(main(sys.argv[1], sys.argv[2:]))

@@ -17,6 +17,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -32,6 +33,7 @@ from lipmetrics.look import CLOSED, NO_MOUTH, OPEN, Look
 from lipmetrics.openings import Identity, measure_outline
 from lipmetrics.profile import Profile, frame_row, opening_row, tables
 from lipmetrics.validation import figures, score_frames
+from simulator.errors import InputError
 from simulator.suite import clip_key, suite
 
 CLOSED_MW = 0.02
@@ -112,7 +114,12 @@ def main() -> None:
     parser.add_argument("--only", nargs="*", default=())
     parser.add_argument("--write", action="store_true", help="put the table into RESULTS.md")
     arguments = parser.parse_args()
-    clips = suite(arguments.part, quick=arguments.quick, only=arguments.only)
+    if shutil.which(arguments.python) is None:
+        parser.error(f"expected --python with an interpreter that has the tools, got {arguments.python}")
+    try:
+        clips = suite(arguments.part, quick=arguments.quick, only=arguments.only)
+    except InputError as error:
+        parser.error(str(error))
     with tempfile.TemporaryDirectory() as passing:
         folder = Path(os.environ.get("LIPMETRICS_BENCHMARK_CACHE", passing)) / "suite"
         table, absent = side_by_side(clips, folder, arguments.python)

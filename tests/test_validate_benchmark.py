@@ -82,3 +82,23 @@ def test_the_points_of_dlib_are_those_of_the_package(tmp_path, monkeypatch):
     (package / "__init__.py").write_text("raise RuntimeError('not to be imported')")
     monkeypatch.syspath_prepend(tmp_path)
     assert Path(other_landmarks.packaged_predictor()).parent.parent == package
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--python", "no/such/python"], "expected --python with an interpreter"),
+        (["--only", "nosuch"], "expected conditions such as"),
+    ],
+)
+def test_bad_words_are_refused_in_a_line(words, said, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["validate_others.py", *words])
+    with pytest.raises(SystemExit) as ended:
+        validate_others.main()
+    assert ended.value.code == 2 and said in capsys.readouterr().err
+
+
+def test_a_video_that_cannot_be_read_is_said(tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(other_landmarks.TOOLS, "mediapipe", lambda: lambda rgb: None)
+    assert other_landmarks.main("mediapipe", [str(tmp_path / "no.mp4")]) == 2
+    assert "no.mp4" in capsys.readouterr().err

@@ -166,7 +166,7 @@ def test_chosen_band_is_the_widest_within_a_standard_error_of_the_best():
 @pytest.mark.slow
 def test_utterances_of_unseen_faces_are_recognised_well_above_chance():
     training = utterances.spoken(("average", "older"), levels=(0.0, 7.0), repeats=1)
-    queries = utterances.spoken(("long_chin",), levels=(0.0, 7.0), repeats=1)
+    queries = utterances.spoken(("long_chin",), levels=(0.0, 7.0), repeats=2)
     made = recognition.averages(recognition.grouped(training), rate_hz=60)
     found = recognition.classify_all([one.take for one in queries], made, rate_hz=60)
     right = np.mean([one.label == query.utterance for one, query in zip(found, queries, strict=True)])
